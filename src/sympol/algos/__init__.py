@@ -1,0 +1,1 @@
+"""Learners: how experience becomes a better policy."""

@@ -1,0 +1,1 @@
+"""Environments in JAX, and Gymnasium's through the host."""

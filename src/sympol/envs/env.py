@@ -1,0 +1,46 @@
+"""The protocol of an environment written in JAX.
+
+An environment is a frozen value with two spaces and two pure functions. It never resets itself: it returns
+the true last observation with ``terminated`` and ``truncated`` apart, and `sympol.algos.collect` starts the
+next episode. The functions describe ONE environment; whoever needs many maps them with `jax.vmap`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import gymnasium
+from jax import Array
+from jaxtyping import Float, PRNGKeyArray
+
+from ..types import Action, Step
+
+State = TypeVar("State", bound=Any)
+
+
+@runtime_checkable
+class Env(Protocol[State]):
+    """A pure-JAX environment; any object of this shape can be trained on.
+
+    The observation is a flat float32 vector, one number per feature. The action arrives as Gymnasium's space
+    has it: an int32 scalar in ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, a float32
+    array of the space's shape, already clipped to its bounds, for ``Box``.
+    """
+
+    @property
+    def observation_space(self) -> gymnasium.spaces.Box:
+        """Bounds of the flat observation."""
+        ...
+
+    @property
+    def action_space(self) -> gymnasium.Space:
+        """``Discrete``, ``Box`` or ``MultiDiscrete``."""
+        ...
+
+    def reset(self, key: PRNGKeyArray) -> tuple[State, Float[Array, " features"]]:
+        """Start an episode: its state and its first observation."""
+        ...
+
+    def step(self, key: PRNGKeyArray, state: State, action: Action) -> tuple[State, Step]:
+        """Advance by one action. The state counts the steps, for the time limit."""
+        ...

@@ -1,0 +1,1 @@
+"""Pytrees with a forward pass: the actors and the critic."""

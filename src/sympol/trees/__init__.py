@@ -1,0 +1,1 @@
+"""The decision tree and what one does with it: NumPy only."""
