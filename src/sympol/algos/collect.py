@@ -1,0 +1,102 @@
+"""Where experience comes from. The only fork of the program; everything after it is the same code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Int, PRNGKeyArray
+
+from ..envs.env import Env
+from ..policies.distributions import Distribution
+from ..types import Transition
+from .state import Episodes, TrainState
+
+
+def reset_envs(env: Env, key: PRNGKeyArray, num_envs: int) -> tuple[Any, Array]:
+    """Start every environment."""
+    return jax.vmap(env.reset)(jax.random.split(key, num_envs))
+
+
+def empty_rollout(
+    env: Env, distribution: Distribution, *, max_chunks: int, chunk_steps: int, num_envs: int
+) -> Transition:
+    """A buffer for the longest rollout, [max_chunks, chunk_steps, num_envs, …]."""
+    num_features = env.observation_space.shape[0]
+    outputs = jax.ShapeDtypeStruct((num_envs, distribution.num_outputs), jnp.float32)
+    action = jax.eval_shape(distribution.mode, outputs)
+    shapes = Transition(
+        observation=jax.ShapeDtypeStruct((num_envs, num_features), jnp.float32),
+        action=action,
+        reward=jax.ShapeDtypeStruct((num_envs,), jnp.float32),
+        terminated=jax.ShapeDtypeStruct((num_envs,), jnp.bool_),
+        truncated=jax.ShapeDtypeStruct((num_envs,), jnp.bool_),
+        last_observation=jax.ShapeDtypeStruct((num_envs, num_features), jnp.float32),
+    )
+    return jax.tree.map(lambda s: jnp.zeros((max_chunks, chunk_steps, *s.shape), s.dtype), shapes)
+
+
+def collect(
+    env: Env,
+    distribution: Distribution,
+    state: TrainState,
+    rollout: Transition,
+    num_chunks: Int[Array, ""],
+    key: PRNGKeyArray,
+) -> tuple[TrainState, Transition]:
+    """Fill the first ``num_chunks`` chunks of the buffer, inside the compiled program.
+
+    Observations are stored scaled, as the networks see them. An environment that ended starts anew from a
+    fresh key; its true last observation stays in the transition.
+    """
+    _, chunk_steps, num_envs = rollout.reward.shape
+    policy = state.networks.actor.rollout()
+    log_std = state.networks.actor.log_std
+    normalize = state.normalizer
+    act, step, reset = (jax.random.fold_in(key, i) for i in range(3))
+
+    def keys(purpose: PRNGKeyArray) -> PRNGKeyArray:
+        return jax.random.split(purpose, (chunk_steps, num_envs))
+
+    def one_step(carry: tuple[Any, Array, Episodes], noise: Any) -> tuple[Any, Transition]:
+        env_state, observation, episodes = carry
+        action_noise, step_keys, fresh_state, fresh_observation = noise
+        x = normalize(observation)
+        action = distribution.sample(policy(x), log_std, action_noise)
+        next_state, result = jax.vmap(env.step)(step_keys, env_state, distribution.to_env(action))
+        done = result.terminated | result.truncated
+        transition = Transition(
+            x, action, result.reward, result.terminated, result.truncated, normalize(result.observation)
+        )
+        carry = (
+            _where_done(done, fresh_state, next_state),
+            _where_done(done, fresh_observation, result.observation),
+            episodes.step(result.reward, done),
+        )
+        return carry, transition
+
+    def one_chunk(i: Int[Array, ""], carry: Any) -> Any:
+        running, buffer = carry
+        fresh = jax.vmap(jax.vmap(env.reset))(keys(jax.random.fold_in(reset, i)))
+        noise = distribution.noise(jax.random.fold_in(act, i), (chunk_steps, num_envs))
+        step_keys = keys(jax.random.fold_in(step, i))
+        running, chunk = jax.lax.scan(one_step, running, (noise, step_keys, *fresh))
+        buffer = jax.tree.map(lambda b, c: jax.lax.dynamic_update_index_in_dim(b, c, i, 0), buffer, chunk)
+        return running, buffer
+
+    running = (state.env_state, state.observation, state.episodes)
+    (env_state, observation, episodes), rollout = jax.lax.fori_loop(
+        0, num_chunks, one_chunk, (running, rollout)
+    )
+    return state._replace(env_state=env_state, observation=observation, episodes=episodes), rollout
+
+
+def _where_done(done: Array, fresh: Any, running: Any) -> Any:
+    """For each environment the fresh state if its episode ended, else the running one."""
+
+    def choose(a: Array, b: Array) -> Array:
+        return jnp.where(done.reshape(done.shape + (1,) * (a.ndim - 1)), a, b)
+
+    return jax.tree.map(choose, fresh, running)

@@ -1,0 +1,46 @@
+"""What a policy earns: inside the compiled program for validation, on Gymnasium for everything reported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float, Int, PRNGKeyArray
+
+from ..envs.env import Env
+from ..policies.distributions import Distribution
+
+MAX_EPISODE_STEPS = 10_000
+"""Where an environment without a time limit is stopped."""
+
+
+def validate(
+    env: Env,
+    distribution: Distribution,
+    policy: Callable[[Float[Array, "batch features"]], Float[Array, "batch outputs"]],
+    normalize: Callable[[Array], Array],
+    keys: PRNGKeyArray,
+) -> Float[Array, ""]:
+    """Mean undiscounted return of the deterministic policy over one episode a key."""
+    limit = getattr(env, "max_episode_steps", MAX_EPISODE_STEPS)
+    reset_keys, step_keys = jnp.split(jax.vmap(lambda k: jax.random.split(k, 2))(keys), 2, axis=1)
+    env_state, observation = jax.vmap(env.reset)(reset_keys[:, 0])
+    num_episodes = keys.shape[0]
+
+    def running(carry: tuple[Int[Array, ""], Any, Array, Array, Array]) -> Array:
+        time, _, _, done, _ = carry
+        return ~jnp.all(done) & (time < limit)
+
+    def one_step(carry: tuple[Int[Array, ""], Any, Array, Array, Array]) -> Any:
+        time, env_state, observation, done, total = carry
+        action = distribution.to_env(distribution.mode(policy(normalize(observation))))
+        now = jax.vmap(lambda k: jax.random.fold_in(k, time))(step_keys[:, 0])
+        env_state, step = jax.vmap(env.step)(now, env_state, action)
+        total = total + jnp.where(done, 0.0, step.reward)
+        return time + 1, env_state, step.observation, done | step.terminated | step.truncated, total
+
+    start = (jnp.int32(0), env_state, observation, jnp.zeros(num_episodes, bool), jnp.zeros(num_episodes))
+    return jnp.mean(jax.lax.while_loop(running, one_step, start)[-1])

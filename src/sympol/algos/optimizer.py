@@ -1,0 +1,67 @@
+"""AdamW with a learning rate for each group of parameters."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import optax
+from jax import Array
+from jaxtyping import Float
+
+from ..policies.mlp import MLP
+from ..policies.tree import Tree
+from .config import Hyperparameters
+
+ADAM_EPS = 1e-5
+DECAYED = ("feature_logits", "leaf_values")
+"""Weight decay keeps choices of features and actions revisable; a threshold's size means nothing."""
+
+
+class Networks(NamedTuple):
+    """What is trained: the policy and the value function, apart from each other."""
+
+    actor: Tree
+    critic: MLP | Tree
+
+
+def labels(networks: Networks) -> Networks:
+    """The group of each parameter: the name of its field in the actor, "critic" in the critic."""
+    actor = jax.tree_util.tree_map_with_path(lambda path, _: path[-1].name, networks.actor)
+    return Networks(actor, jax.tree.map(lambda _: "critic", networks.critic))
+
+
+def optimizer(
+    hyper: Hyperparameters, factor: Float[Array, ""], networks: Networks
+) -> optax.GradientTransformation:
+    """The update rule; ``factor`` scales every learning rate. The numbers may be traced."""
+
+    def group(name: str) -> optax.GradientTransformation:
+        decay = optax.add_decayed_weights(hyper.weight_decay) if name in DECAYED else optax.identity()
+        rate = getattr(hyper, f"learning_rate_{name}")
+        return optax.chain(optax.scale_by_adam(eps=ADAM_EPS), decay, optax.scale_by_learning_rate(rate * factor))
+
+    groups = {name: group(name) for name in ("feature_logits", "thresholds", "leaf_values", "log_std", "critic")}
+    return optax.partition(groups, labels(networks))
+
+
+def clip_by_norm(gradient: Any, max_norm: Float[Array, ""]) -> Any:
+    """Scale a gradient down to ``max_norm`` if it is longer."""
+    norm = optax.global_norm(gradient)
+    scale = jax.numpy.minimum(1.0, max_norm / jax.numpy.maximum(norm, 1e-12))
+    return jax.tree.map(lambda g: g * scale, gradient)
+
+
+def apply_gradients(
+    networks: Networks,
+    gradient: Networks,
+    opt_state: optax.OptState,
+    hyper: Hyperparameters,
+    factor: Float[Array, ""],
+) -> tuple[Networks, optax.OptState]:
+    """One optimiser step."""
+    clipped = Networks(*(clip_by_norm(part, hyper.max_grad_norm) for part in gradient))
+    with jax.numpy_dtype_promotion("standard"):  # Optax raises floats to its integer count
+        updates, opt_state = optimizer(hyper, factor, networks).update(clipped, opt_state, networks)
+    return eqx.apply_updates(networks, updates), opt_state

@@ -1,0 +1,128 @@
+"""All that a training is, between two segments: a pytree that can be saved and continued to the bit."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+from jax import Array
+from jaxtyping import Bool, Float, Int, PRNGKeyArray
+
+from ..policies.tree import Tree
+from .optimizer import Networks
+
+
+class Normalizer(NamedTuple):
+    """The frozen affine map ``(x − shift) · scale`` between the environment and the networks."""
+
+    shift: Float[Array, " features"]
+    scale: Float[Array, " features"]
+
+    def __call__(self, x: Float[Array, "*batch features"]) -> Float[Array, "*batch features"]:
+        """Observations of about unit scale."""
+        shape = (1,) * (x.ndim - 1) + self.shift.shape
+        return (x - self.shift.reshape(shape)) * self.scale.reshape(shape)
+
+
+class Episodes(NamedTuple):
+    """Returns of the running episodes, and sums over those that ended since the last report."""
+
+    running_return: Float[Array, " envs"]
+    running_length: Int[Array, " envs"]
+    sum_return: Float[Array, ""]
+    sum_length: Int[Array, ""]
+    count: Int[Array, ""]
+
+    @staticmethod
+    def zeros(num_envs: int) -> Episodes:
+        """Nothing has happened yet."""
+        return Episodes(
+            jnp.zeros(num_envs), jnp.zeros(num_envs, jnp.int32), jnp.float32(0), jnp.int32(0), jnp.int32(0)
+        )
+
+    def step(self, reward: Float[Array, " envs"], done: Bool[Array, " envs"]) -> Episodes:
+        """Count one step of every environment."""
+        total, length = self.running_return + reward, self.running_length + 1
+        return Episodes(
+            jnp.where(done, 0.0, total),
+            jnp.where(done, 0, length),
+            self.sum_return + jnp.sum(jnp.where(done, total, 0.0)),
+            self.sum_length + jnp.sum(jnp.where(done, length, 0)),
+            self.count + jnp.sum(done, dtype=jnp.int32),
+        )
+
+    def reported(self) -> Episodes:
+        """The sums start again."""
+        return self._replace(sum_return=jnp.float32(0), sum_length=jnp.int32(0), count=jnp.int32(0))
+
+
+class Losses(NamedTuple):
+    """Means over the last rollout's updates."""
+
+    policy_loss: Float[Array, ""]
+    value_loss: Float[Array, ""]
+    entropy: Float[Array, ""]
+    approx_kl: Float[Array, ""]
+    clip_fraction: Float[Array, ""]
+
+    @staticmethod
+    def zeros() -> Losses:
+        """Before the first update."""
+        return Losses(*(jnp.float32(0) for _ in Losses._fields))
+
+
+class Validation(NamedTuple):
+    """What the deterministic tree earned on validation seeds, and what follows from it."""
+
+    last_return: Float[Array, ""]
+    best_return: Float[Array, ""]
+    best_timestep: Int[Array, ""]
+    best_actor: Tree
+    num_bad: Int[Array, ""]
+    lr_factor: Float[Array, ""]
+
+    @staticmethod
+    def create(actor: Tree) -> Validation:
+        """Before the first validation."""
+        nothing = jnp.float32(-jnp.inf)
+        return Validation(nothing, nothing, jnp.int32(0), actor, jnp.int32(0), jnp.float32(1))
+
+    def update(
+        self, score: Float[Array, ""], timestep: Int[Array, ""], actor: Tree, *, patience: int = 5
+    ) -> Validation:
+        """Keep the best tree (higher is better; of equals the later); halve the rate on a plateau."""
+        improved = score > self.best_return
+        keep = score >= self.best_return
+        num_bad = jnp.where(improved, 0, self.num_bad + 1)
+        plateau = num_bad >= patience
+        return Validation(
+            last_return=score,
+            best_return=jnp.maximum(score, self.best_return),
+            best_timestep=jnp.where(keep, timestep, self.best_timestep),
+            best_actor=tree_where(keep, actor, self.best_actor),
+            num_bad=jnp.where(plateau, 0, num_bad),
+            lr_factor=jnp.where(plateau, self.lr_factor / 2, self.lr_factor),
+        )
+
+
+class TrainState(NamedTuple):
+    """See the module. ``env_state`` and ``observation`` are None where the host steps the environments."""
+
+    networks: Networks
+    opt_state: optax.OptState
+    normalizer: Normalizer
+    env_state: Any
+    observation: Any
+    key: PRNGKeyArray
+    timestep: Int[Array, ""]
+    iteration: Int[Array, ""]
+    episodes: Episodes
+    losses: Losses
+    validation: Validation
+
+
+def tree_where(condition: Bool[Array, ""], if_true: Any, if_false: Any) -> Any:
+    """`jnp.where` over pytrees."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), if_true, if_false)
