@@ -1,0 +1,190 @@
+"""What the numbers at a leaf mean: three final classes, one for each kind of action space.
+
+| class | value at a leaf | deterministic action |
+|---|---|---|
+| `DiscreteActions` | n logits | the most likely action, an int64 |
+| `MultiDiscreteActions` | the logits of all components in turn | the most likely option of each, int64 |
+| `BoxActions` | the mean | the mean, clipped to the bounds, float32 in the space's shape |
+
+Logits are log-probabilities up to a constant. Between equally likely actions the lowest wins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias, final
+
+import numpy as np
+
+from .floats import flushed, number, printable
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Float32, Int64
+    from numpy.typing import ArrayLike
+
+
+def _named(names: Sequence[str], defaults: Sequence[str], what: str) -> tuple[str, ...]:
+    """Check the names of things, or give them names when there are none."""
+    names = tuple(names) or tuple(defaults)
+    if len(names) != len(defaults) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"expected {len(defaults)} names of {what}, got {names!r}")
+    return names
+
+
+def _softmax(logits: Float32[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch n"]:
+    weights = np.exp(logits.astype(np.float64) - logits.max(axis=1, keepdims=True))
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+@final
+@dataclass(frozen=True)
+class DiscreteActions:
+    """One of n actions, numbered from ``start``."""
+
+    n: int
+    names: tuple[str, ...] = ()
+    start: int = 0
+
+    def __post_init__(self) -> None:
+        """Fill in the defaults and check."""
+        if self.n < 1:
+            raise ValueError(f"a discrete action space has at least one action, got n={self.n}")
+        object.__setattr__(self, "n", int(self.n))
+        object.__setattr__(self, "start", int(self.start))
+        defaults = [f"action {self.start + i}" for i in range(self.n)]
+        object.__setattr__(self, "names", _named(self.names, defaults, "actions"))
+
+    @property
+    def n_outputs(self) -> int:
+        """Numbers at a leaf."""
+        return self.n
+
+    def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, " batch"]:
+        """Return the deterministic action of each row."""
+        return np.argmax(values, axis=1) + np.int64(self.start)
+
+    def probabilities(self, values: Float32[np.ndarray, "batch outputs"]) -> Float[np.ndarray, "batch n"]:
+        """Return the probability of each action, row by row."""
+        return _softmax(values)
+
+    def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
+        """Say what an action does: ``("push left",)``."""
+        return (printable(self.names[int(np.asarray(action)) - self.start]),)
+
+
+@final
+@dataclass(frozen=True)
+class MultiDiscreteActions:
+    """Several choices at once; component k has ``nvec[k]`` options, numbered from ``start[k]``."""
+
+    nvec: tuple[int, ...]
+    names: tuple[str, ...] = ()
+    options: tuple[tuple[str, ...], ...] = ()
+    start: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Fill in the defaults and check."""
+        nvec = tuple(int(n) for n in self.nvec)
+        start = tuple(int(s) for s in self.start) or (0,) * len(nvec)
+        options = tuple(self.options) or ((),) * len(nvec)
+        if not nvec or min(nvec) < 1:
+            raise ValueError(f"every component needs at least one option, got nvec={nvec}")
+        if not len(start) == len(options) == len(nvec):
+            raise ValueError(
+                f"expected start and options of {len(nvec)} components, got {start}, {options!r}"
+            )
+        object.__setattr__(self, "nvec", nvec)
+        object.__setattr__(self, "start", start)
+        names = [f"action[{k}]" for k in range(len(nvec))]
+        object.__setattr__(self, "names", _named(self.names, names, "components"))
+        numbered = [[str(s + i) for i in range(n)] for n, s in zip(nvec, start, strict=True)]
+        named = (_named(o, d, "options") for o, d in zip(options, numbered, strict=True))
+        object.__setattr__(self, "options", tuple(named))
+
+    @property
+    def n_outputs(self) -> int:
+        """Numbers at a leaf."""
+        return sum(self.nvec)
+
+    def split(self, values: Float32[np.ndarray, "batch outputs"]) -> list[Float32[np.ndarray, "batch n"]]:
+        """Part the logits by component."""
+        return np.split(values, np.cumsum(self.nvec)[:-1], axis=1)
+
+    def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, "batch components"]:
+        """Return the deterministic action of each row."""
+        chosen = [np.argmax(logits, axis=1) for logits in self.split(values)]
+        return np.stack(chosen, axis=1) + np.array(self.start, dtype=np.int64)
+
+    def probabilities(
+        self, values: Float32[np.ndarray, "batch outputs"]
+    ) -> tuple[Float[np.ndarray, "batch n"], ...]:
+        """Return for each component the probability of each option, row by row."""
+        return tuple(_softmax(logits) for logits in self.split(values))
+
+    def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
+        """Say what an action does, component by component: ``("gas: on", "steer: left")``."""
+        chosen = (np.asarray(action) - np.array(self.start)).tolist()
+        return tuple(
+            f"{printable(name)}: {printable(options[option])}"
+            for name, options, option in zip(self.names, self.options, chosen, strict=True)
+        )
+
+
+@final
+@dataclass(frozen=True)
+class BoxActions:
+    """A float32 array within bounds; ``std`` is the policy's noise, the same at every leaf, if it has any.
+
+    Bounds, names and std are one a number, in C order, whatever the shape.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    shape: tuple[int, ...]
+    names: tuple[str, ...] = ()
+    std: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Fill in the defaults and check."""
+        shape = tuple(int(length) for length in self.shape)
+        size = math.prod(shape)
+        if size < 1 or min(shape, default=1) < 1:
+            raise ValueError(f"a continuous action needs at least one number, got shape {shape}")
+        object.__setattr__(self, "shape", shape)
+        for field in ("low", "high") if self.std is None else ("low", "high", "std"):
+            numbers = flushed(getattr(self, field))
+            if numbers.size not in (1, size):
+                raise ValueError(f"{field} has {numbers.size} numbers, but the shape {shape} holds {size}")
+            object.__setattr__(self, field, tuple(np.broadcast_to(numbers.ravel(), size).tolist()))
+        if not all(low <= high for low, high in zip(self.low, self.high, strict=True)):
+            raise ValueError(f"low must not exceed high, got low={self.low}, high={self.high}")
+        if self.std is not None and not all(0 <= std < math.inf for std in self.std):
+            raise ValueError(f"std must be finite and not negative, got {self.std}")
+        defaults = ["action"] if size == 1 else [f"action[{i}]" for i in range(size)]
+        object.__setattr__(self, "names", _named(self.names, defaults, "numbers of an action"))
+
+    @property
+    def n_outputs(self) -> int:
+        """Numbers at a leaf."""
+        return len(self.low)
+
+    def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Float32[np.ndarray, "batch ..."]:
+        """Return the deterministic action of each row."""
+        clipped = np.clip(values, np.array(self.low, np.float32), np.array(self.high, np.float32))
+        return clipped.reshape(len(values), *self.shape)
+
+    def probabilities(self, values: Float32[np.ndarray, "batch outputs"]) -> tuple[()]:
+        """Raise: a continuous action has a density, not a table of probabilities."""
+        raise TypeError("continuous actions have no table of probabilities; read predict() and actions.std")
+
+    def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
+        """Say what an action does, number by number: ``("torque = 0.53",)``."""
+        numbers = np.ravel(np.asarray(action))
+        return tuple(
+            f"{printable(name)} = {number(x, digits)}" for name, x in zip(self.names, numbers, strict=True)
+        )
+
+
+ActionSpec: TypeAlias = DiscreteActions | MultiDiscreteActions | BoxActions

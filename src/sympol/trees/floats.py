@@ -1,0 +1,55 @@
+"""float32 as the training program sees it, and numbers and names as words.
+
+XLA on the CPU treats subnormal numbers as zero; NumPy, Python and C do not. So that a tree decides in all of
+them what it decided in training, every number is flushed once, where it enters.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32
+    from numpy.typing import ArrayLike
+
+SMALLEST_NORMAL = float(np.finfo(np.float32).smallest_normal)
+LARGEST_SUBNORMAL = float(np.nextafter(np.float32(SMALLEST_NORMAL), np.float32(0)))
+
+
+def flushed(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
+    """Copy to float32 (round to nearest, overflow to infinity) with subnormals made zero, their sign kept."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        rounded = np.array(x, dtype=np.float32)
+    # multiplying by zero, not assigning it, keeps the sign as the hardware does
+    np.multiply(rounded, np.float32(0), out=rounded, where=np.abs(rounded) < SMALLEST_NORMAL)
+    return rounded
+
+
+def unflushed_threshold(threshold: float) -> float:
+    """Return the t for which ``x <= t`` on the raw float32 x says what ``flushed(x) <= threshold`` says.
+
+    Only zero needs another number: positive subnormals count as zero, so they are still on its left.
+    """
+    return LARGEST_SUBNORMAL if threshold == 0 else float(threshold)
+
+
+def shortest(x: float) -> float:
+    """Return the number with the fewest decimal digits that is x once rounded to float32."""
+    exact = np.float32(x)
+    short = float(str(exact))
+    # a decimal near the middle of two float32 may land on the other one when it is read through a double
+    return short if np.float32(short).tobytes() == exact.tobytes() else float(exact)
+
+
+def number(x: float, digits: int | None = None) -> str:
+    """Write x in the fewest digits that give the same float32 back, or in ``digits`` significant ones."""
+    if digits is not None:
+        return f"{float(x):.{digits}g}"
+    return repr(shortest(x)).removesuffix(".0")
+
+
+def printable(name: str) -> str:
+    """Write a name on one line: line breaks, control and direction marks become escapes such as ``\\n``."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)

@@ -1,0 +1,295 @@
+"""The decision tree: what every learner hands over and every reader takes.
+
+A tree is a struct of arrays under scikit-learn's names, one row a node, in preorder: the root is node 0, the
+left child of node i is i + 1, and every subtree is one contiguous slice.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from .actions import ActionSpec
+from .floats import flushed
+from .preorder import NO_CHILD, check, complete_to_preorder
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
+    from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class DecisionTree:
+    """A hard, axis-aligned decision tree that answers observations with actions.
+
+    An observation is rounded to float32 and its subnormal numbers count as zero. At an inner node
+    ``x[feature] <= threshold`` goes left, everything else, NaN included, goes right. This holds to the bit in
+    training and in every export.
+
+    The arrays are read-only copies. At leaves the children are -1, ``feature`` is -2 and ``threshold`` is
+    -2.0; at inner nodes ``value`` is zero. ``actions`` says what the numbers in ``value`` mean.
+    ``feature_low`` and ``feature_high`` are the bounds of the observation space, infinite where it has none.
+    ``n_node_samples`` counts how many observations came by each node, if that is known. ``meta`` is plain
+    JSON for whatever else should stay with the tree (the environment's id, the run).
+
+    Two trees are equal when all of this is equal, bit for bit.
+
+    Raises:
+        ValueError: if the arrays do not describe a tree in preorder, or a number is not finite.
+    """
+
+    children_left: Int32[np.ndarray, " nodes"]
+    children_right: Int32[np.ndarray, " nodes"]
+    feature: Int32[np.ndarray, " nodes"]
+    threshold: Float32[np.ndarray, " nodes"]
+    value: Float32[np.ndarray, "nodes outputs"]
+    actions: ActionSpec
+    feature_names: tuple[str, ...]
+    feature_low: Float32[np.ndarray, " features"]
+    feature_high: Float32[np.ndarray, " features"]
+    n_node_samples: Int64[np.ndarray, " nodes"] | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Copy, round and check."""
+        arrays: dict[str, np.ndarray] = {}
+        for name in ("children_left", "children_right", "feature"):
+            arrays[name] = np.array(getattr(self, name), np.int32)
+        for name in ("threshold", "value", "feature_low", "feature_high"):
+            arrays[name] = flushed(getattr(self, name))
+        if self.n_node_samples is not None:
+            arrays["n_node_samples"] = np.array(self.n_node_samples, np.int64)
+        for name, array in arrays.items():
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "feature_names", tuple(self.feature_names))
+        # through JSON and back: a copy nobody else holds, and proof that it can be written
+        object.__setattr__(self, "meta", json.loads(json.dumps(dict(self.meta), allow_nan=False)))
+        check(self)
+
+    @classmethod
+    def from_complete(
+        cls,
+        feature: Int[np.ndarray, " inner"],
+        threshold: Float[np.ndarray, " inner"],
+        leaf_values: Float[np.ndarray, "leaves outputs"],
+        *,
+        actions: ActionSpec,
+        feature_names: Sequence[str] | None = None,
+        feature_low: ArrayLike | None = None,
+        feature_high: ArrayLike | None = None,
+        meta: Mapping[str, Any] | None = None,
+    ) -> DecisionTree:
+        """Make a tree from a complete one in breadth-first order, as it is trained.
+
+        The children of inner node n are 2n + 1 and 2n + 2, leaf l is node N + l, and N = 2^depth − 1. Without
+        names, features are called ``x[0]``, ``x[1]``, … up to the last one that a node looks at or that has
+        a bound; without bounds, they have none.
+        """
+        feature, threshold = np.asarray(feature), np.asarray(threshold)
+        if feature_names is None:
+            bounds = feature_low if feature_low is not None else feature_high
+            n_features = int(feature.max(initial=-1)) + 1 if bounds is None else np.size(bounds)
+            feature_names = [f"x[{i}]" for i in range(n_features)]
+        n_features = len(feature_names)
+        return cls(
+            **complete_to_preorder(feature, threshold, np.asarray(leaf_values)),
+            actions=actions,
+            feature_names=tuple(feature_names),
+            feature_low=np.full(n_features, -np.inf) if feature_low is None else np.asarray(feature_low),
+            feature_high=np.full(n_features, np.inf) if feature_high is None else np.asarray(feature_high),
+            meta=meta or {},
+        )
+
+    @property
+    def n_nodes(self) -> int:
+        """Inner nodes and leaves."""
+        return len(self.feature)
+
+    @property
+    def n_leaves(self) -> int:
+        """Nodes that answer."""
+        return int(np.count_nonzero(self.is_leaf))
+
+    @property
+    def n_features(self) -> int:
+        """Numbers in an observation."""
+        return len(self.feature_names)
+
+    @property
+    def is_leaf(self) -> Bool[np.ndarray, " nodes"]:
+        """Whether each node is a leaf."""
+        return self.children_left == NO_CHILD
+
+    @property
+    def node_depth(self) -> Int[np.ndarray, " nodes"]:
+        """Comparisons above each node."""
+        depth = np.zeros(self.n_nodes, dtype=np.int64)
+        for node in np.flatnonzero(~self.is_leaf):
+            depth[[self.children_left[node], self.children_right[node]]] = depth[node] + 1
+        return depth
+
+    @property
+    def depth(self) -> int:
+        """Most comparisons before an answer."""
+        return int(self.node_depth.max())
+
+    def apply(self, X: ArrayLike) -> Int32[np.ndarray, "*batch"]:
+        """Return the leaf of one observation [features], or of each of many [batch, features]."""
+        x, single = self._observations(X)
+        node = np.zeros(len(x), dtype=np.int32)
+        rows = np.arange(len(x) if self.n_nodes > 1 else 0)
+        while rows.size:
+            at = node[rows]
+            left = x[rows, self.feature[at]] <= self.threshold[at]
+            node[rows] = np.where(left, self.children_left[at], self.children_right[at])
+            rows = rows[self.children_left[node[rows]] != NO_CHILD]
+        return node[0] if single else node
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Return the deterministic action of one observation [features], or of many [batch, features].
+
+        Raises:
+            ValueError: if X has another shape.
+            TypeError: if X does not hold numbers.
+        """
+        leaf = self.apply(X)
+        chosen = self.actions.decide(self.value[np.atleast_1d(leaf)])
+        return chosen[0] if np.ndim(leaf) == 0 else chosen
+
+    def predict_proba(self, X: ArrayLike) -> np.ndarray | tuple[np.ndarray, ...]:
+        """Return the probability of every action; with several components, a tuple of such arrays.
+
+        Raises:
+            TypeError: if actions are continuous: they have a density, not a table of probabilities.
+        """
+        leaf = self.apply(X)
+        chances = self.actions.probabilities(self.value[np.atleast_1d(leaf)])
+        if np.ndim(leaf):
+            return chances
+        return tuple(chance[0] for chance in chances) if isinstance(chances, tuple) else chances[0]
+
+    def decision_path(self, X: ArrayLike) -> Bool[np.ndarray, "*batch nodes"]:
+        """Return which nodes each observation comes by: a dense array, batch × nodes booleans."""
+        leaf = self.apply(X)
+        on_path = np.zeros((np.size(leaf), self.n_nodes), dtype=bool)
+        on_path[np.arange(np.size(leaf)), leaf] = True
+        for node in np.flatnonzero(~self.is_leaf)[::-1]:
+            on_path[:, node] = on_path[:, self.children_left[node]] | on_path[:, self.children_right[node]]
+        return on_path[0] if np.ndim(leaf) == 0 else on_path
+
+    def with_visits(self, X: ArrayLike) -> DecisionTree:
+        """Return this tree with ``n_node_samples`` counted on the observations X [batch, features]."""
+        visits = np.bincount(np.atleast_1d(self.apply(X)), minlength=self.n_nodes)
+        for node in np.flatnonzero(~self.is_leaf)[::-1]:
+            visits[node] = visits[self.children_left[node]] + visits[self.children_right[node]]
+        return replace(self, n_node_samples=visits)
+
+    def prune(self, *, bounds: bool = True, merge: bool = True) -> DecisionTree:
+        """Return the smaller tree that acts the same: see `sympol.trees.prune`."""
+        from .prune import prune
+
+        return prune(self, bounds=bounds, merge=merge)
+
+    def to_text(self, *, digits: int | None = None) -> str:
+        """Write the tree for people: see `sympol.trees.text`."""
+        from .text import to_text
+
+        return to_text(self, digits=digits)
+
+    def rules(self, *, digits: int | None = None) -> list[str]:
+        """Write one sentence a leaf: see `sympol.trees.text`."""
+        from .text import rules
+
+        return rules(self, digits=digits)
+
+    def plot(self, path: str | PathLike[str] | None = None, *, ax: Axes | None = None) -> Figure:
+        """Draw the tree, and save it as SVG, PDF or PNG: see `sympol.trees.plot`."""
+        from .plot import plot
+
+        return plot(self, path, ax=ax)
+
+    def to_json(self) -> str:
+        """Write the tree as strict JSON: see `sympol.trees.serialize`."""
+        from .serialize import to_json
+
+        return to_json(self)
+
+    @classmethod
+    def from_json(cls, text: str) -> DecisionTree:
+        """Read a tree that `to_json` wrote: see `sympol.trees.serialize`."""
+        from .serialize import from_json
+
+        return from_json(text)
+
+    def to_python(self) -> str:
+        """Write a Python program without dependencies: see `sympol.trees.export.python`."""
+        from .export.python import to_python
+
+        return to_python(self)
+
+    def to_sklearn(self) -> DecisionTreeClassifier | DecisionTreeRegressor:
+        """Make a fitted scikit-learn estimator: see `sympol.trees.export.sklearn`."""
+        from .export.sklearn import to_sklearn
+
+        return to_sklearn(self)
+
+    def __str__(self) -> str:
+        """Write the tree for people."""
+        return self.to_text()
+
+    def __repr__(self) -> str:
+        """Say how large it is."""
+        return (
+            f"<DecisionTree: {self.n_nodes} nodes, {self.n_leaves} leaves, depth {self.depth}, "
+            f"{self.n_features} features, {type(self.actions).__name__}>"
+        )
+
+    def _content(self) -> tuple[object, ...]:
+        names = (
+            "children_left",
+            "children_right",
+            "feature",
+            "threshold",
+            "value",
+            "feature_low",
+            "feature_high",
+        )
+        visits = self.n_node_samples
+        return (
+            *(getattr(self, name).tobytes() for name in names),
+            None if visits is None else visits.tobytes(),
+            self.actions,
+            self.feature_names,
+            json.dumps(self.meta, sort_keys=True),
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether two trees hold the same, bit for bit."""
+        if not isinstance(other, DecisionTree):
+            return NotImplemented
+        return self._content() == other._content()
+
+    def __hash__(self) -> int:
+        """Agree with ``==``."""
+        return hash(self._content())
+
+    def _observations(self, X: ArrayLike) -> tuple[Float32[np.ndarray, "batch features"], bool]:
+        """Check observations; return them as a batch, and whether there was only one."""
+        raw = np.asarray(X)
+        if raw.dtype.kind not in "fiub":
+            raise TypeError(f"an observation holds real numbers, got an array of {raw.dtype}")
+        if raw.ndim not in (1, 2) or raw.shape[-1] != self.n_features:
+            shapes = f"[{self.n_features}] or [batch, {self.n_features}]"
+            raise ValueError(f"expected observations of shape {shapes}, got {raw.shape}")
+        return flushed(np.atleast_2d(raw)), raw.ndim == 1
