@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import gymnasium
 import jax
@@ -28,7 +28,7 @@ POSITION_LIMIT = 2.4  # m
 class CartPoleState(NamedTuple):
     """Position (m), velocity (m/s), angle (rad), angular velocity (rad/s); steps taken."""
 
-    physics: Float[Array, "4"]
+    physics: Float[Array, " 4"]
     time: Int[Array, ""]
 
 
@@ -37,6 +37,14 @@ class CartPole:
     """Balance a pole on a cart; reward 1 a step, the end beyond 12 degrees or 2.4 m."""
 
     max_episode_steps: int = 500
+
+    feature_names: ClassVar[tuple[str, ...]] = (
+        "cart position (m)",
+        "cart velocity (m/s)",
+        "pole angle (rad)",
+        "pole angular velocity (rad/s)",
+    )
+    action_names: ClassVar[tuple[str, ...]] = ("push left", "push right")
 
     @property
     def observation_space(self) -> gymnasium.spaces.Box:
@@ -49,9 +57,9 @@ class CartPole:
         """Push to the left, push to the right."""
         return gymnasium.spaces.Discrete(2)
 
-    def reset(self, key: PRNGKeyArray) -> tuple[CartPoleState, Float[Array, "4"]]:
+    def reset(self, key: PRNGKeyArray) -> tuple[CartPoleState, Float[Array, " 4"]]:
         """Start near upright: each quantity uniform in ±0.05."""
-        physics = jax.random.uniform(key, (4,), minval=-0.05, maxval=0.05)
+        physics = jax.random.uniform(key, (4,), jnp.float32, minval=-0.05, maxval=0.05)
         return CartPoleState(physics, jnp.int32(0)), physics
 
     def step(

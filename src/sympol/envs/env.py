@@ -22,9 +22,12 @@ State = TypeVar("State", bound=Any)
 class Env(Protocol[State]):
     """A pure-JAX environment; any object of this shape can be trained on.
 
-    The observation is a flat float32 vector, one number per feature. The action arrives as Gymnasium's space
-    has it: an int32 scalar in ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, a float32
-    array of the space's shape, already clipped to its bounds, for ``Box``.
+    The observation is a flat float32 vector, one number per feature. The action is an int32 scalar in
+    ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, and for ``Box`` a float32 array of
+    the space's shape, already clipped to its bounds.
+
+    Three more attributes are read where an environment has them: ``feature_names`` and ``action_names``
+    (sequences of str, one per feature and per action or action component) and ``max_episode_steps`` (int).
     """
 
     @property

@@ -1,0 +1,128 @@
+"""Gymnasium environments, stepped on the host.
+
+Many copies of one environment, one after the other in this process (on few cores that is faster than workers
+are), behind the same `Step` that an environment in JAX answers with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, SupportsFloat
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from jaxtyping import Float32, Shaped
+from numpy import ndarray
+
+from ..types import Step
+from .spaces import Features, native_actions
+
+
+class EnvironmentFailure(RuntimeError):
+    """An environment raised, or returned something that is not an observation or a reward."""
+
+
+class HostEnvs:
+    """``num_envs`` copies of a Gymnasium environment, reset by themselves when an episode ends."""
+
+    def __init__(self, make: Callable[[], gymnasium.Env], num_envs: int, features: Features):
+        """Make the copies. ``features`` describes the observation space of each."""
+        makers = [_Maker(make, index, features) for index in range(num_envs)]
+        self._envs = SyncVectorEnv(makers, copy=False, autoreset_mode=AutoresetMode.SAME_STEP)
+
+    @property
+    def num_envs(self) -> int:
+        """Number of copies, E."""
+        return self._envs.num_envs
+
+    def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
+        """Start an episode in every copy.
+
+        Each copy gets its own seed out of this one; with ``seed + index`` two trainings would share most.
+        """
+        seeds: list[int | None] = [*np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()]
+        observation, _ = self._envs.reset(seed=seeds)
+        self._require_finite("observation", observation)
+        return observation.copy()
+
+    def step(self, actions: Shaped[ndarray, "envs ..."]) -> tuple[Step, Float32[ndarray, "envs features"]]:
+        """Take one step in every copy.
+
+        The actions are the policy's: int32 ``[E]`` or ``[E, k]`` counted from zero, or float32 ``[E, A]`` or
+        ``[E, *shape]`` within the bounds. Returns the step, with the true last observation of every episode
+        that ended, and the observation that the next actions answer to: after an end, the first of a new one.
+
+        Raises EnvironmentFailure if a copy raises, or returns NaN or infinity.
+        """
+        actions = native_actions(self._envs.single_action_space, actions)
+        observation, reward, terminated, truncated, info = self._envs.step(actions)
+        next_observation = observation.copy()
+        last_observation = observation.copy()
+        for index in np.flatnonzero(terminated | truncated):
+            last_observation[index] = info["final_obs"][index]
+        reward = reward.astype(np.float32)
+        self._require_finite("observation", last_observation)
+        self._require_finite("first observation of an episode", next_observation)
+        self._require_finite("reward", reward)
+        step: Any = last_observation, reward, terminated, truncated  # NumPy's arrays, not JAX's
+        return Step(*step), next_observation
+
+    def close(self) -> None:
+        """Close every copy."""
+        self._envs.close()
+
+    def _require_finite(self, what: str, values: Float32[ndarray, "envs ..."]) -> None:
+        if np.isfinite(values).all():
+            return
+        index = np.argwhere(~np.isfinite(values))[0][0]
+        raise EnvironmentFailure(
+            f"environment {index} returned a {what} that is not finite in float32: {values[index]}"
+        )
+
+
+class _Maker:
+    """Makes one copy, which answers in flat features and knows its index when something goes wrong."""
+
+    def __init__(self, make: Callable[[], gymnasium.Env], index: int, features: Features):
+        self.make, self.index, self.features = make, index, features
+
+    def __call__(self) -> gymnasium.Env:
+        return _FlatEnv(self.make(), self.index, self.features)
+
+
+class _FlatEnv(gymnasium.Wrapper):
+    """Flattens the observation, into a new array: an environment may reuse its own at the next reset."""
+
+    def __init__(self, env: gymnasium.Env, index: int, features: Features):
+        super().__init__(env)
+        self.index, self.features = index, features
+        self.observation_space = Box(features.low, features.high, dtype=np.float32)
+
+    def reset(self, **options: Any) -> tuple[Float32[ndarray, " features"], dict[str, Any]]:
+        try:
+            observation, info = self.env.reset(**options)
+            return self._flatten(observation), info
+        except Exception as error:
+            raise self._failure("reset()", error) from error
+
+    def step(
+        self, action: Any
+    ) -> tuple[Float32[ndarray, " features"], SupportsFloat, bool, bool, dict[str, Any]]:
+        try:
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            return self._flatten(observation), float(reward), bool(terminated), bool(truncated), info
+        except Exception as error:
+            raise self._failure(f"step({action!r})", error) from error
+
+    def _flatten(self, observation: Any) -> Float32[ndarray, " features"]:
+        flat = self.features.flatten(observation)
+        if flat.ndim != 1:
+            raise ValueError(f"observation must be a single one, got a batch of shape {flat.shape[:-1]}")
+        return flat
+
+    def _failure(self, where: str, error: Exception) -> EnvironmentFailure:
+        return EnvironmentFailure(
+            f"environment {self.index} failed in {where}: {type(error).__name__}: {error}"
+        )

@@ -1,0 +1,217 @@
+"""From what a user names to what can be trained on: the environment, its features and its actions."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+
+import gymnasium
+
+from ..trees.actions import ActionSpec
+from .acrobot import Acrobot
+from .cartpole import CartPole
+from .env import Env
+from .host import HostEnvs
+from .mountain_car import MountainCar, MountainCarContinuous
+from .pendulum import Pendulum
+from .spaces import Features, action_spec
+
+Factory: TypeAlias = Callable[[], gymnasium.Env] | Callable[[], Env]
+HostFactory: TypeAlias = Callable[[], gymnasium.Env]
+Backend: TypeAlias = Literal["auto", "jax", "host"]
+
+
+class UnknownEnvironment(ValueError):
+    """No environment has this id."""
+
+
+@dataclass(frozen=True)
+class EnvSpec:
+    """One environment, however it was named: what learners and readers need to know of it.
+
+    ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
+    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone.
+    """
+
+    name: str
+    env: Env | None
+    make_host: HostFactory | None
+    observation_space: gymnasium.Space
+    action_space: gymnasium.Space
+    features: Features
+    actions: ActionSpec
+    max_episode_steps: int | None
+    has_one_copy: bool = False  # make_host returns the user's own object, each time
+
+    def host_envs(self, num_envs: int) -> HostEnvs:
+        """Make copies in Gymnasium to step together. Raises ValueError where that many cannot be made."""
+        if self.make_host is None:
+            raise ValueError(f"{self.name} is written in JAX and has no form in Gymnasium")
+        if self.has_one_copy and num_envs > 1:
+            raise ValueError(
+                f"num_envs must be 1, got {num_envs}: {self.name} is an object that cannot be remade from "
+                "its spec; give a function that makes one instead, for as many copies as you like"
+            )
+        return HostEnvs(self.make_host, num_envs, self.features)
+
+
+class Entry(NamedTuple):
+    """What `register` was told of a name; without ``env`` it is one of Gymnasium's ids."""
+
+    env: Env | Factory | None = None
+    feature_names: Sequence[str] | None = None
+    action_names: Sequence[str] | None = None
+
+
+_ENTRIES: dict[str, Entry] = {}
+
+
+def register(
+    name: str,
+    env: Env | Factory | None = None,
+    *,
+    feature_names: Sequence[str] | None = None,
+    action_names: Sequence[str] | None = None,
+) -> None:
+    """Give an environment a name, or give names to the features and actions of one.
+
+    ``env`` is written in JAX, or is a function that makes one; leave it out to name what an id of Gymnasium's
+    sees and does. A JAX environment under an id of Gymnasium's is its twin: the one is trained on, the other
+    evaluates. A later registration replaces an earlier one.
+    """
+    _ENTRIES[name] = Entry(env, feature_names, action_names)
+
+
+register("CartPole-v1", CartPole())
+register("Acrobot-v1", Acrobot())
+register("Pendulum-v1", Pendulum())
+register("MountainCar-v0", MountainCar())
+register("MountainCarContinuous-v0", MountainCarContinuous())
+
+
+def resolve(
+    env: str | gymnasium.Env | Env | Factory,
+    *,
+    feature_names: Sequence[str] | None = None,
+    action_names: Sequence[str] | None = None,
+    backend: Backend = "auto",
+) -> EnvSpec:
+    """Find an environment by id, object or factory, and describe it.
+
+    ``backend`` "jax" insists on the form written in JAX, "host" on Gymnasium's; "auto" takes JAX where it can.
+    Names default to the registered ones, then the environment's own, then ``x[0]`` and ``action 0``.
+
+    Raises:
+        UnknownEnvironment: no environment has this id; the message offers near ones.
+        ValueError: an unsupported space, names that do not fit, or a backend that this environment lacks.
+        TypeError: not an environment at all.
+    """
+    if backend not in get_args(Backend):
+        raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
+    entry = _ENTRIES.get(env, Entry()) if isinstance(env, str) else Entry()
+    example, make_host, has_one_copy = _open(
+        entry.env or (partial(_make, env) if isinstance(env, str) else env)
+    )
+    name = env if isinstance(env, str) else _name(example)
+    jax_env = None if isinstance(example, gymnasium.Env) else example
+    if jax_env is not None and name in gymnasium.registry:
+        make_host = partial(_make, name)
+    if backend == "jax" and jax_env is None:
+        raise ValueError(f"{name} is not written in JAX; use backend='host' or 'auto'")
+    if backend == "host" and make_host is None:
+        raise ValueError(
+            f"{name} is written in JAX and has no form in Gymnasium; use backend='jax' or 'auto'"
+        )
+
+    return EnvSpec(
+        name=name,
+        env=None if backend == "host" else jax_env,
+        make_host=make_host,
+        observation_space=example.observation_space,
+        action_space=example.action_space,
+        features=Features.of(
+            example.observation_space,
+            feature_names or entry.feature_names or getattr(example, "feature_names", None),
+        ),
+        actions=action_spec(
+            example.action_space, action_names or entry.action_names or getattr(example, "action_names", None)
+        ),
+        max_episode_steps=_max_episode_steps(example),
+        has_one_copy=has_one_copy,
+    )
+
+
+class _Source(NamedTuple):
+    """One environment to look at, and how to make more of it in Gymnasium."""
+
+    example: gymnasium.Env | Env
+    make_host: HostFactory | None
+    has_one_copy: bool = False
+
+
+def _open(env: Any) -> _Source:
+    # a class of environments has an environment's attributes too, but is a function that makes one
+    is_factory = isinstance(env, type) or not isinstance(env, Env)
+    make: Any = env
+    example = make() if is_factory and callable(make) else env
+    if isinstance(example, gymnasium.Env):
+        if not is_factory:
+            return _remake(example)
+        example.close()
+        return _Source(example, make)
+    if isinstance(example, Env) and not isinstance(example, gymnasium.vector.VectorEnv):
+        space = example.observation_space
+        if not isinstance(space, gymnasium.spaces.Box) or len(space.shape) != 1:
+            raise ValueError(f"an environment in JAX must observe a Box of shape (features,), got {space}")
+        return _Source(example, None)
+    raise TypeError(
+        "env must be an id, a gymnasium.Env, an environment in JAX (see sympol.envs.env), or a function that "
+        f"makes one, got {env!r}" + (f", which made {example!r}" if callable(env) else "")
+    )
+
+
+def _remake(env: gymnasium.Env) -> _Source:
+    """Make copies of an object from its spec, or else let it be the only one."""
+    if env.spec is not None:
+        make = partial(gymnasium.make, env.spec, disable_env_checker=True)
+        # a spec need not suffice: a wrapper may have kept its arguments to itself
+        with contextlib.suppress(gymnasium.error.Error, AttributeError, TypeError, ValueError):
+            make().close()
+            return _Source(env, make)
+    return _Source(env, lambda: env, has_one_copy=True)
+
+
+def _make(env_id: str) -> gymnasium.Env:
+    """Make one of Gymnasium's by its id, or by ``module:id`` where importing a module registers it."""
+    module, _, name = env_id.rpartition(":")
+    try:
+        if module:
+            importlib.import_module(module)
+        gymnasium.spec(name)
+    except (gymnasium.error.Error, ModuleNotFoundError) as error:
+        known = {known.lower(): known for known in (*_ENTRIES, *gymnasium.registry)}
+        near = [repr(known[match]) for match in difflib.get_close_matches(name.lower(), known)]
+        hint = f"did you mean {' or '.join(near)}?" if near else "nothing known has a similar name."
+        raise UnknownEnvironment(
+            f"unknown environment {env_id!r}: {hint} An id of another package needs its module before "
+            f"it, as in 'module:Name-v0'. ({error})"
+        ) from error
+    # the checker would repeat its warnings for every copy; what cannot be trained on, HostEnvs refuses
+    return gymnasium.make(name, disable_env_checker=True)
+
+
+def _name(env: gymnasium.Env | Env) -> str:
+    if not isinstance(env, gymnasium.Env):
+        return type(env).__name__
+    return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
+
+
+def _max_episode_steps(env: gymnasium.Env | Env) -> int | None:
+    if isinstance(env, gymnasium.Env):
+        return env.spec.max_episode_steps if env.spec is not None else None
+    return getattr(env, "max_episode_steps", None)

@@ -1,0 +1,228 @@
+"""Gymnasium's spaces as a tree sees them: an observation is a row of named numbers.
+
+All of it is NumPy on the host; an environment in JAX already speaks in flat float32 vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium import Space
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from numpy.typing import ArrayLike, NDArray
+
+from ..trees.actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
+from ..trees.floats import flushed
+
+
+class Feature(NamedTuple):
+    """One number of an observation and the range it moves in."""
+
+    name: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Features:
+    """How an observation space becomes F float32 features.
+
+    The order is that of `gymnasium.spaces.flatten`: ``Box`` and ``MultiBinary`` in C order, ``Discrete`` and
+    ``MultiDiscrete`` one-hot, ``Dict`` by its (sorted) keys, ``Tuple`` by position. float64 numbers, and
+    integers beyond 2²⁴, lose their last digits in float32: the tree sees them rounded, always alike.
+    """
+
+    space: Space
+    names: tuple[str, ...]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, space: Space, names: Sequence[str] | None = None) -> Features:
+        """Describe a space, with the user's names in place of ``x[0]``, ``camera[1, 2]``, ``weather = 3``.
+
+        Raises ValueError for an unsupported space and for names that do not fit.
+        """
+        features = list(_features(space, "x"))
+        if not features:
+            raise ValueError(f"observation space must have at least one feature, got {space}")
+        return cls(
+            space=space,
+            names=check_names(names, [feature.name for feature in features], "feature_names"),
+            low=flushed([feature.low for feature in features]),
+            high=flushed([feature.high for feature in features]),
+        )
+
+    def flatten(self, observation: Any) -> NDArray[np.float32]:
+        """Turn one observation, or a batch of them, into features ``[*batch, F]``.
+
+        A batch has its leading axes on every array inside, as in Gymnasium's vector environments. What is
+        returned is always a new array. Numbers too small for float32's normal range become zero, because that
+        is what they are to JAX on the CPU.
+
+        Raises ValueError, naming the place, where type, shape or category do not fit the space.
+        """
+        parts = list(_flatten(self.space, observation, "observation"))
+        batch = parts[0].shape[:-1]
+        for part in parts:
+            if part.shape[:-1] != batch:
+                raise ValueError(
+                    "all parts of an observation must have the same leading batch axes, "
+                    f"got {batch} and {part.shape[:-1]}; give one observation, or stack all parts"
+                )
+        return flushed(np.concatenate(parts, axis=-1))
+
+
+def check_names(names: Sequence[str] | None, default: Sequence[str], what: str) -> tuple[str, ...]:
+    """Return the user's names after checking that there is one, and a different one, for each default."""
+    if names is None:
+        return tuple(default)
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"{what} must be a sequence of strings, got {names!r}")
+    if len(names) != len(default):
+        raise ValueError(
+            f"{what} must have {len(default)} names, got {len(names)}; the defaults are {_shorten(default)}"
+        )
+    twice = sorted({name for name in names if list(names).count(name) > 1})
+    if twice:
+        raise ValueError(f"{what} must differ from each other, got {twice} more than once")
+    return tuple(names)
+
+
+def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
+    """Describe the actions of a space, with the user's names for its actions (``Discrete``) or components.
+
+    Raises ValueError for an unsupported space and for names that do not fit.
+    """
+    match space:
+        case Discrete():
+            spec = DiscreteActions(int(space.n), start=int(space.start))
+        case MultiDiscrete() if space.nvec.ndim == 1:
+            spec = MultiDiscreteActions(tuple(space.nvec.tolist()), start=tuple(space.start.tolist()))
+        case Box() if np.issubdtype(space.dtype, np.floating) and np.prod(space.shape) > 0:
+            low, high = (tuple(flushed(bound).ravel().tolist()) for bound in (space.low, space.high))
+            spec = BoxActions(low, high, space.shape)
+        case _:
+            raise ValueError(
+                f"unsupported action space {space}; supported are Discrete, MultiDiscrete of one axis, "
+                "and Box of floats; wrap the environment in gymnasium.wrappers.TransformAction to offer one of them"
+            )
+    return replace(spec, names=check_names(names, spec.names, "action_names"))
+
+
+def native_actions(space: Space, actions: ArrayLike) -> NDArray:
+    """Turn a policy's batch of actions into what environments with this space expect, ``[B, *space.shape]``.
+
+    The policy counts categories from zero, ``[B]`` for ``Discrete`` and ``[B, k]`` for ``MultiDiscrete``; its
+    continuous actions are float32, ``[B, A]`` or ``[B, *space.shape]``. The result starts where the space
+    starts and has its dtype. Rounding a float64 bound to float32 may have moved an action just past it, so it
+    is clipped again.
+    """
+    actions = np.asarray(actions)
+    match space:
+        case Discrete() | MultiDiscrete():
+            return actions.astype(space.dtype) + space.start
+        case Box():
+            shaped = actions.reshape(len(actions), *space.shape).astype(space.dtype)
+            return np.clip(shaped, space.low, space.high)
+    raise ValueError(f"unsupported action space {space}")
+
+
+def _features(space: Space, path: str) -> Iterator[Feature]:
+    match space:
+        case Box():
+            for index in np.ndindex(space.shape):
+                yield Feature(path + _subscript(index), float(space.low[index]), float(space.high[index]))
+        case MultiBinary():
+            for index in np.ndindex(space.shape):
+                yield Feature(path + _subscript(index), 0, 1)
+        case Discrete():
+            for category in range(int(space.n)):
+                yield Feature(f"{path} = {space.start + category}", 0, 1)
+        case MultiDiscrete():
+            for index in np.ndindex(space.nvec.shape):
+                for category in range(int(space.nvec[index])):
+                    yield Feature(f"{path}{_subscript(index)} = {space.start[index] + category}", 0, 1)
+        case Dict():
+            for key, part in space.spaces.items():
+                yield from _features(part, str(key) if path == "x" else f"{path}.{key}")
+        case Tuple():
+            for position, part in enumerate(space.spaces):
+                yield from _features(part, f"{path}.{position}")
+        case _:
+            raise ValueError(
+                f"unsupported observation space {space}; supported are Box, Discrete, MultiBinary, "
+                "MultiDiscrete, and Dict and Tuple of these; wrap the environment in "
+                "gymnasium.wrappers.TransformObservation to offer one of them"
+            )
+
+
+def _flatten(space: Space, observation: Any, path: str) -> Iterator[NDArray]:
+    """Yield the parts of an observation, each ``[*batch, its features]``."""
+    match space:
+        case Box() | MultiBinary():
+            kinds = "fiub" if isinstance(space, Box) else "iub"
+            array = _array(observation, kinds, space, path)
+            yield array.reshape(*array.shape[: array.ndim - len(space.shape)], -1)
+        case Discrete():
+            yield _one_hot(_array(observation, "iu", space, path), int(space.start), int(space.n), path)
+        case MultiDiscrete():
+            array = _array(observation, "iu", space, path)
+            for index in np.ndindex(space.nvec.shape):
+                where = path + _subscript(index)
+                yield _one_hot(array[..., *index], int(space.start[index]), int(space.nvec[index]), where)
+        case Dict():
+            if not isinstance(observation, dict) or observation.keys() != space.spaces.keys():
+                got = sorted(observation) if isinstance(observation, dict) else _describe(observation)
+                raise ValueError(f"{path} must be a dict with the keys {sorted(space.spaces)}, got {got}")
+            for key, part in space.spaces.items():
+                yield from _flatten(part, observation[key], f"{path}[{key!r}]")
+        case Tuple():
+            if not isinstance(observation, tuple) or len(observation) != len(space.spaces):
+                raise ValueError(
+                    f"{path} must be a tuple of {len(space.spaces)} parts, got {_describe(observation)}"
+                )
+            for position, part in enumerate(space.spaces):
+                yield from _flatten(part, observation[position], f"{path}[{position}]")
+
+
+def _array(observation: Any, kinds: str, space: Space, path: str) -> NDArray:
+    """Check one array against its space: of one of these NumPy kinds, shaped ``[*batch, *space.shape]``."""
+    shape = space.shape or ()
+    try:
+        array = np.asarray(observation)
+    except ValueError:  # ragged
+        array = np.empty((), object)
+    trailing = array.shape[array.ndim - len(shape) :] if array.ndim >= len(shape) else None
+    if array.dtype.kind not in kinds or trailing != shape:
+        numbers = "integers" if "f" not in kinds else "real numbers"
+        raise ValueError(
+            f"{path} must be an array of {numbers} of shape {shape} (or a batch of such, with leading axes), "
+            f"got {_describe(observation)}; the space is {space}"
+        )
+    return array
+
+
+def _one_hot(category: NDArray, start: int, n: int, path: str) -> NDArray[np.bool_]:
+    index = category.astype(np.int64) - start
+    if ((index < 0) | (index >= n)).any():
+        raise ValueError(f"{path} must be a category from {start} to {start + n - 1}, got {category}")
+    return np.arange(n) == index[..., None]
+
+
+def _subscript(index: tuple[int, ...]) -> str:
+    return f"[{', '.join(map(str, index))}]" if index else ""
+
+
+def _shorten(names: Sequence[str], limit: int = 8) -> str:
+    return ", ".join(map(repr, names[:limit])) + (", …" if len(names) > limit else "")
+
+
+def _describe(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} array of shape {value.shape}"
+    text = repr(value)
+    return f"{type(value).__name__} {text if len(text) <= 60 else text[:57] + '…'}"
