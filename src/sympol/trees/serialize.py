@@ -2,22 +2,23 @@
 
 ```
 {"format": "sympol.tree", "version": 1,
- "features": [{"name": "pole angle", "low": -0.418, "high": 0.418}, …],      bounds: a number, "-inf" or "inf"
- "actions": {"type": "discrete", "n": 2, "start": 0, "names": ["left", "right"]},
+ "features": [{"name": "pole angle", "low": -0.418, "high": "inf"}, …],      no bound: "-inf" or "inf"
+ "actions": {"type": "discrete", "start": 0, "names": ["left", "right"]},
  "nodes": [{"feature": 0, "threshold": 0.01, "left": 1, "right": 2},         preorder, the root first
-           {"value": [1.5, -1.5], "visits": 62}, …],                         visits: on all leaves or on none
+           {"value": [1.5, -1.5], "visits": 62}, …],                         visits: at every leaf or at none
  "meta": {…}}
 ```
 
-Numbers are float32 in the fewest digits that give them back. The file may come from a stranger: reading runs no
-code, allocates no more than in proportion to the text, and refuses with a ValueError whatever is not as above.
+Numbers are float32 in the fewest digits that give them back. The file may come from a stranger: reading it
+runs no code, takes memory in proportion to the text, and refuses whatever is not as above with a ValueError.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Never
 
 import numpy as np
 
@@ -28,3 +29,216 @@ from .tree import DecisionTree
 
 FORMAT = "sympol.tree"
 VERSION = 1
+
+_LARGEST_INTEGER = 2**53  # what every JSON reader holds exactly
+_TOO_LARGE = 2.0**128 - 2.0**103  # the least number that float32 rounds to infinity
+_MOST_DIMENSIONS = 32
+
+
+def to_json(tree: DecisionTree) -> str:
+    """Write the tree, a feature and a node a line."""
+    bounds = zip(tree.feature_names, tree.feature_low, tree.feature_high, strict=True)
+    features = [{"name": name, "low": _bound(low), "high": _bound(high)} for name, low, high in bounds]
+    head = f'{{"format": {json.dumps(FORMAT)}, "version": {VERSION},\n'
+    return (
+        f'{head}"features": {_lines(features)},\n"actions": {json.dumps(_actions_to_json(tree.actions))},\n'
+        f'"nodes": {_lines(_node_to_json(tree, node) for node in range(tree.n_nodes))},\n'
+        f'"meta": {json.dumps(tree.meta, allow_nan=False)}}}\n'
+    )
+
+
+def from_json(text: str) -> DecisionTree:
+    """Read a tree.
+
+    Raises:
+        ValueError: if the text is not JSON, not of this format and version, or not a tree.
+    """
+    try:
+        return _read(json.loads(text, parse_constant=_refuse))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not JSON (was the file cut off?): {error}") from error
+    except RecursionError as error:
+        raise ValueError("the JSON nests too deeply for a tree") from error
+
+
+def _lines(items: Iterable[object]) -> str:
+    return "[\n " + ",\n ".join(json.dumps(item, allow_nan=False) for item in items) + "\n]"
+
+
+def _bound(x: float) -> float | str:
+    return shortest(x) if math.isfinite(x) else str(float(x))
+
+
+def _node_to_json(tree: DecisionTree, node: int) -> dict[str, Any]:
+    if tree.is_leaf[node]:
+        value = {"value": [shortest(x) for x in tree.value[node]]}
+        return value if tree.n_node_samples is None else {**value, "visits": int(tree.n_node_samples[node])}
+    return {
+        "feature": int(tree.feature[node]),
+        "threshold": shortest(tree.threshold[node]),
+        "left": int(tree.children_left[node]),
+        "right": int(tree.children_right[node]),
+    }
+
+
+def _actions_to_json(actions: ActionSpec) -> dict[str, Any]:
+    if isinstance(actions, DiscreteActions):
+        return {"type": "discrete", "start": actions.start, "names": actions.names}
+    if isinstance(actions, MultiDiscreteActions):
+        parts = zip(actions.names, actions.start, actions.options, strict=True)
+        components = [{"name": name, "start": start, "options": options} for name, start, options in parts]
+        return {"type": "multi_discrete", "components": components}
+    stds = actions.std or (None,) * actions.n_outputs
+    parts = zip(actions.names, actions.low, actions.high, stds, strict=True)
+    components = [
+        {"name": name, "low": _bound(low), "high": _bound(high)}
+        | ({} if std is None else {"std": shortest(std)})
+        for name, low, high, std in parts
+    ]
+    return {"type": "box", "shape": actions.shape, "components": components}
+
+
+def _read(document: object) -> DecisionTree:
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise ValueError(f'not a tree of sympol: it lacks "format": "{FORMAT}"')
+    if document.get("version") != VERSION:
+        raise ValueError(
+            f"version {document.get('version')!r} of the format; this sympol reads version {VERSION}"
+        )
+    _fields(document, "the document", "format", "version", "features", "actions", "nodes", "meta")
+    features = [
+        _fields(feature, f"features[{i}]", "name", "low", "high")
+        for i, feature in enumerate(_list(document["features"], "features"))
+    ]
+    actions = _read_actions(document["actions"])
+    return DecisionTree(
+        **_read_nodes(_list(document["nodes"], "nodes"), actions.n_outputs),
+        actions=actions,
+        feature_names=tuple(_string(feature["name"], "a feature's name") for feature in features),
+        feature_low=np.array([_number(feature["low"], "low", unbounded=True) for feature in features]),
+        feature_high=np.array([_number(feature["high"], "high", unbounded=True) for feature in features]),
+        meta=document["meta"]
+        if isinstance(document["meta"], dict)
+        else _fail("meta", "an object", document["meta"]),
+    )
+
+
+def _read_actions(spec: object) -> ActionSpec:
+    kind = spec.get("type") if isinstance(spec, dict) else None
+    if kind == "discrete":
+        spec = _fields(spec, "actions", "type", "start", "names")
+        names = _strings(spec["names"], "names of actions")
+        return DiscreteActions(len(names), names, _integer(spec["start"], "start", -_LARGEST_INTEGER))
+    if kind == "multi_discrete":
+        spec = _fields(spec, "actions", "type", "components")
+        parts = [
+            _fields(part, "a component", "name", "start", "options")
+            for part in _list(spec["components"], "components")
+        ]
+        options = tuple(_strings(part["options"], "options") for part in parts)
+        return MultiDiscreteActions(
+            nvec=tuple(len(option) for option in options),
+            names=tuple(_string(part["name"], "a component's name") for part in parts),
+            options=options,
+            start=tuple(_integer(part["start"], "start", -_LARGEST_INTEGER) for part in parts),
+        )
+    if kind == "box":
+        return _read_box(_fields(spec, "actions", "type", "shape", "components"))
+    return _fail("actions", 'of type "discrete", "multi_discrete" or "box"', spec)
+
+
+def _read_box(spec: dict[str, Any]) -> BoxActions:
+    components = _list(spec["components"], "components")
+    noisy = bool(components) and isinstance(components[0], dict) and "std" in components[0]
+    keys = ("name", "low", "high", "std") if noisy else ("name", "low", "high")
+    parts = [_fields(part, "a component", *keys) for part in components]
+    shape = tuple(_integer(length, "shape", 1, len(parts)) for length in _list(spec["shape"], "shape"))
+    if len(shape) > _MOST_DIMENSIONS or math.prod(shape) != len(parts):
+        _fail("shape", f"of {len(parts)} numbers, as many as components", shape)
+    return BoxActions(
+        low=tuple(_number(part["low"], "low", unbounded=True) for part in parts),
+        high=tuple(_number(part["high"], "high", unbounded=True) for part in parts),
+        shape=shape,
+        names=tuple(_string(part["name"], "a component's name") for part in parts),
+        std=tuple(_number(part["std"], "std") for part in parts) if noisy else None,
+    )
+
+
+def _read_nodes(nodes: list[Any], n_outputs: int) -> dict[str, Any]:
+    """Return a `DecisionTree`'s arrays; it checks itself that they are a tree."""
+    n_nodes = len(nodes)
+    leaf = np.array([isinstance(node, dict) and "value" in node for node in nodes], dtype=bool)
+    if 2 * np.count_nonzero(leaf) != n_nodes + 1:
+        # found here, before memory is taken for all nodes times all outputs
+        raise ValueError(
+            f"a binary tree has one leaf more than inner nodes, got {n_nodes} nodes, {leaf.sum()} leaves"
+        )
+    left, right = np.full(n_nodes, NO_CHILD), np.full(n_nodes, NO_CHILD)
+    feature, threshold = np.full(n_nodes, NO_FEATURE), np.full(n_nodes, NO_THRESHOLD)
+    value, visits = np.zeros((n_nodes, n_outputs)), np.zeros(n_nodes, np.int64)
+    counted = "visits" in nodes[int(leaf.argmax())]
+    for i in reversed(range(n_nodes)):
+        where = f"nodes[{i}]"
+        if leaf[i]:
+            node = _fields(nodes[i], where, *(("value", "visits") if counted else ("value",)))
+            numbers = _list(node["value"], f"{where}.value")
+            if len(numbers) != n_outputs:
+                _fail(f"{where}.value", f"{n_outputs} numbers", numbers)
+            value[i] = [_number(x, f"{where}.value") for x in numbers]
+            visits[i] = _integer(node["visits"], f"{where}.visits", 0) if counted else 0
+        else:
+            node = _fields(nodes[i], where, "feature", "threshold", "left", "right")
+            feature[i] = _integer(node["feature"], f"{where}.feature", 0, 2**31 - 1)
+            threshold[i] = _number(node["threshold"], f"{where}.threshold")
+            left[i] = _integer(node["left"], f"{where}.left", i + 1, n_nodes - 1)
+            right[i] = _integer(node["right"], f"{where}.right", i + 1, n_nodes - 1)
+            visits[i] = _integer(int(visits[left[i]] + visits[right[i]]), f"visits below {where}", 0)
+    return {
+        "children_left": left,
+        "children_right": right,
+        "feature": feature,
+        "threshold": threshold,
+        "value": value,
+        "n_node_samples": visits if counted else None,
+    }
+
+
+def _fail(where: str, expected: str, got: object) -> Never:
+    shown = repr(got)
+    raise ValueError(f"{where} must be {expected}, got {shown if len(shown) < 80 else shown[:77] + '...'}")
+
+
+def _refuse(constant: str) -> Never:
+    raise ValueError(f"not strict JSON: it has no {constant}")
+
+
+def _fields(value: object, where: str, *keys: str) -> dict[str, Any]:
+    if not isinstance(value, dict) or set(value) != set(keys):
+        _fail(where, f"an object of {', '.join(keys)}", value)
+    return value
+
+
+def _list(value: object, where: str) -> list[Any]:
+    return value if isinstance(value, list) else _fail(where, "a list", value)
+
+
+def _string(value: object, where: str) -> str:
+    return value if isinstance(value, str) else _fail(where, "a string", value)
+
+
+def _strings(value: object, where: str) -> tuple[str, ...]:
+    return tuple(_string(name, where) for name in _list(value, where))
+
+
+def _integer(value: object, where: str, low: int, high: int = _LARGEST_INTEGER) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        _fail(where, f"an integer from {low} to {high}", value)
+    return value
+
+
+def _number(value: object, where: str, *, unbounded: bool = False) -> float:
+    if unbounded and value in ("-inf", "inf"):
+        return float(str(value))
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _TOO_LARGE:
+        _fail(where, "a finite float32 number" + (', "-inf" or "inf"' if unbounded else ""), value)
+    return float(value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,8 +41,8 @@ def to_sklearn(tree: DecisionTree) -> DecisionTreeClassifier | DecisionTreeRegre
         value[node] = np.average(value[children], axis=0, weights=shares)
 
     grown = Tree(tree.n_features, sizes, len(sizes))
-    state = grown.__getstate__()
-    nodes = np.zeros(tree.n_nodes, dtype=state["nodes"].dtype)
+    state: dict[str, Any] = grown.__getstate__()
+    nodes: Any = np.zeros(tree.n_nodes, dtype=state["nodes"].dtype)
     nodes["left_child"], nodes["right_child"] = tree.children_left, tree.children_right
     nodes["feature"] = tree.feature
     nodes["threshold"] = [unflushed_threshold(threshold) for threshold in tree.threshold]
