@@ -103,8 +103,8 @@ def resolve(
 ) -> EnvSpec:
     """Find an environment by id, object or factory, and describe it.
 
-    ``backend`` "jax" insists on the form written in JAX, "host" on Gymnasium's; "auto" takes JAX where it can.
-    Names default to the registered ones, then the environment's own, then ``x[0]`` and ``action 0``.
+    ``backend`` "jax" insists on the form written in JAX, "host" on Gymnasium's; "auto" takes JAX if it can.
+    Names default to the registered ones, the environment's own, or ``x[0]`` and ``action 0``.
 
     Raises:
         UnknownEnvironment: no environment has this id; the message offers near ones.
@@ -155,15 +155,13 @@ class _Source(NamedTuple):
 
 
 def _open(env: Any) -> _Source:
-    # a class of environments has an environment's attributes too, but is a function that makes one
-    is_factory = isinstance(env, type) or not isinstance(env, Env)
-    make: Any = env
-    example = make() if is_factory and callable(make) else env
+    is_factory = _is_factory(env)
+    example = env() if is_factory else env
     if isinstance(example, gymnasium.Env):
         if not is_factory:
             return _remake(example)
         example.close()
-        return _Source(example, make)
+        return _Source(example, env)
     if isinstance(example, Env) and not isinstance(example, gymnasium.vector.VectorEnv):
         space = example.observation_space
         if not isinstance(space, gymnasium.spaces.Box) or len(space.shape) != 1:
@@ -171,8 +169,13 @@ def _open(env: Any) -> _Source:
         return _Source(example, None)
     raise TypeError(
         "env must be an id, a gymnasium.Env, an environment in JAX (see sympol.envs.env), or a function that "
-        f"makes one, got {env!r}" + (f", which made {example!r}" if callable(env) else "")
+        f"makes one, got {env!r}" + (f", which made {example!r}" if is_factory else "")
     )
+
+
+def _is_factory(env: object) -> bool:
+    # a class of environments has an environment's attributes too, but is a function that makes one
+    return callable(env) and (isinstance(env, type) or not isinstance(env, gymnasium.Env | Env))
 
 
 def _remake(env: gymnasium.Env) -> _Source:

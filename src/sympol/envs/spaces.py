@@ -108,7 +108,7 @@ def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
         case _:
             raise ValueError(
                 f"unsupported action space {space}; supported are Discrete, MultiDiscrete of one axis, "
-                "and Box of floats; wrap the environment in gymnasium.wrappers.TransformAction to offer one of them"
+                "and Box of floats; wrap the environment in gymnasium.wrappers.TransformAction to offer one"
             )
     return replace(spec, names=check_names(names, spec.names, "action_names"))
 
