@@ -1,0 +1,119 @@
+"""Random trees, observations that try to tell them apart, and the plain loop that is always right."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sympol.trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
+
+HOSTILE_NAMES = [
+    'quote " and \' and """',
+    "line\nbreak\r\x0c\x0b\x85\u2028",
+    "'); raise SystemExit(1)  #",
+    "$\\frac$ \\N{BULLET} \\",
+    "</svg><script>alert(1)</script>--> ]]>",
+    "{0} {x!r} %s",
+    "\u202egnihton\ud800\x00",
+    "",
+]
+
+ACTIONS: dict[str, ActionSpec] = {
+    "discrete": DiscreteActions(3, ("left", "stay", "right"), start=-1),
+    "multi_discrete": MultiDiscreteActions(
+        (2, 3), ("gas", "steer"), (("off", "on"), ("left", "none", "right"))
+    ),
+    "box": BoxActions((-1.0, -0.5), (1.0, 0.5), (2, 1), ("gas", "steer")),
+}
+SPECIAL = np.float32([0, -0.0, 1e-40, -1e-40, 1.1754942e-38, 1.1754944e-38, -1.1754944e-38])
+
+
+def random_tree(
+    rng: np.random.Generator, actions: ActionSpec, depth: int = 4, n_features: int = 3
+) -> DecisionTree:
+    """Draw a complete tree with few different thresholds and actions, so that there is much to prune."""
+    n_inner = 2**depth - 1
+    grid = np.concatenate([rng.normal(size=6).astype(np.float32), SPECIAL])
+    few_values = rng.normal(size=(3, actions.n_outputs))
+    low, high = -rng.uniform(0, 2, n_features), rng.uniform(0, 2, n_features)
+    bounded = rng.random(n_features) < 0.5
+    tree = DecisionTree.from_complete(
+        rng.integers(n_features, size=n_inner),
+        rng.choice(grid, n_inner),
+        few_values[rng.integers(3, size=n_inner + 1)]
+        + rng.normal(size=(n_inner + 1, actions.n_outputs)) * 0.1,
+        actions=actions,
+        feature_low=np.where(bounded, low, -np.inf),
+        feature_high=np.where(bounded, high, np.inf),
+    )
+    return tree.with_visits(rng.normal(size=(200, n_features)))
+
+
+def telling_observations(tree: DecisionTree, rng: np.random.Generator, n: int) -> np.ndarray:
+    """Draw observations on thresholds and bounds, beside them, anywhere, subnormal, infinite and NaN."""
+    t = np.concatenate([tree.threshold, tree.feature_low, tree.feature_high])
+    t = np.concatenate(
+        [t, np.nextafter(t, np.float32(-np.inf)), np.nextafter(t, np.float32(np.inf)), SPECIAL]
+    )
+    t = np.concatenate([t, np.float32([-np.inf, np.inf, np.nan])])
+    x = rng.choice(t, (n, tree.n_features))
+    anywhere = rng.random(x.shape) < 0.3
+    return np.where(anywhere, rng.normal(size=x.shape), x).astype(np.float32)
+
+
+def within_bounds(tree: DecisionTree, x: np.ndarray) -> np.ndarray:
+    """Keep the observations that the space has."""
+    return x[((x >= tree.feature_low) & (x <= tree.feature_high)).all(axis=1)]
+
+
+def every_cell(tree: DecisionTree, *, nan: bool) -> np.ndarray:
+    """Return one observation in each cell of the grid of all thresholds, and on all of the cell's corners."""
+    axes = []
+    for feature in range(tree.n_features):
+        t = np.unique(tree.threshold[tree.feature == feature])
+        above = np.where(t == 0, np.finfo(np.float32).smallest_normal, np.nextafter(t, np.float32(np.inf)))
+        ends = np.float32([-np.inf, np.inf] + [np.nan] * nan)
+        axes.append(
+            np.concatenate([t, above, tree.feature_low[[feature]], tree.feature_high[[feature]], ends])
+        )
+    return np.array(list(product(*map(np.unique, axes))), np.float32)
+
+
+def plain_leaf(tree: DecisionTree, observation: np.ndarray) -> int:
+    """Descend in a loop that nobody can misread."""
+    x = [float(np.float32(v)) for v in observation]
+    x = [0.0 if abs(v) < 2.0**-126 else v for v in x]
+    node = 0
+    while tree.children_left[node] != -1:
+        left = x[tree.feature[node]] <= float(tree.threshold[node])
+        node = int(tree.children_left[node] if left else tree.children_right[node])
+    return node
+
+
+def chain(depth: int, *, to_left: bool, actions: ActionSpec) -> DecisionTree:
+    """Make a tree that is one long path."""
+    n_nodes = 2 * depth + 1
+    arrays: dict[str, Any] = {
+        "children_left": np.full(n_nodes, -1),
+        "children_right": np.full(n_nodes, -1),
+        "feature": np.full(n_nodes, -2),
+        "threshold": np.full(n_nodes, -2.0),
+        "value": np.zeros((n_nodes, actions.n_outputs)),
+    }
+    inner = np.arange(depth) if to_left else np.arange(0, 2 * depth, 2)
+    arrays["children_left"][inner] = inner + 1
+    arrays["children_right"][inner] = n_nodes - 1 - inner if to_left else inner + 2
+    arrays["feature"][inner] = 0
+    steps = np.arange(depth, dtype=np.float64)
+    arrays["threshold"][inner] = -steps if to_left else steps
+    leaves = np.flatnonzero(arrays["children_left"] == -1)
+    arrays["value"][leaves] = np.eye(actions.n_outputs)[np.arange(len(leaves)) % actions.n_outputs]
+    return DecisionTree(
+        **arrays,
+        actions=actions,
+        feature_names=("x",),
+        feature_low=np.full(1, -np.inf),
+        feature_high=np.full(1, np.inf),
+    )
