@@ -20,22 +20,20 @@ def reset_envs(env: Env, key: PRNGKeyArray, num_envs: int) -> tuple[Any, Array]:
     return jax.vmap(env.reset)(jax.random.split(key, num_envs))
 
 
-def empty_rollout(
-    env: Env, distribution: Distribution, *, max_chunks: int, chunk_steps: int, num_envs: int
-) -> Transition:
-    """A buffer for the longest rollout, [max_chunks, chunk_steps, num_envs, …]."""
-    num_features = env.observation_space.shape[0]
-    outputs = jax.ShapeDtypeStruct((num_envs, distribution.num_outputs), jnp.float32)
+def empty_rollout(env: Env, distribution: Distribution, config: PPOConfig) -> Transition:
+    """A buffer for the longest rollout, ``[max_chunks, chunk_steps, num_envs, …]``."""
+    outputs = jax.ShapeDtypeStruct((distribution.num_outputs,), jnp.float32)
     action = jax.eval_shape(distribution.mode, outputs)
-    shapes = Transition(
-        observation=jax.ShapeDtypeStruct((num_envs, num_features), jnp.float32),
-        action=action,
-        reward=jax.ShapeDtypeStruct((num_envs,), jnp.float32),
-        terminated=jax.ShapeDtypeStruct((num_envs,), jnp.bool_),
-        truncated=jax.ShapeDtypeStruct((num_envs,), jnp.bool_),
-        last_observation=jax.ShapeDtypeStruct((num_envs, num_features), jnp.float32),
+    axes = (1 << config.max_stage, config.chunk_steps, config.num_envs)
+    features = jnp.zeros((*axes, *env.observation_space.shape))
+    return Transition(
+        observation=features,
+        action=jnp.zeros((*axes, *action.shape), action.dtype),
+        reward=jnp.zeros(axes),
+        terminated=jnp.zeros(axes, bool),
+        truncated=jnp.zeros(axes, bool),
+        last_observation=features,
     )
-    return jax.tree.map(lambda s: jnp.zeros((max_chunks, chunk_steps, *s.shape), s.dtype), shapes)
 
 
 def collect(

@@ -42,6 +42,7 @@ class Hyperparameters(NamedTuple):
     ent_end_factor: Any
     vf_coef: Any
     log_std_init: Any
+    reward_scale: Any
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,9 @@ class PPOConfig:
     log_std_init: float = 0.0
     """Initial log standard deviation (continuous actions)."""
 
+    reward_scale: float = 1.0
+    """Rewards are multiplied by this for learning (never in reports); the critic likes returns of about 1."""
+
     def __post_init__(self) -> None:
         """Check every field; raise `ConfigError` at the first that breaks its rule."""
         for field in dataclasses.fields(self):
@@ -152,7 +156,11 @@ class PPOConfig:
         for name, low, high in _RANGES:
             value = getattr(self, name)
             if not low <= value <= high:
-                hint = f"; a tree of depth {value} has 2^{value} leaves" if name == "depth" and value > high else ""
+                hint = (
+                    f"; a tree of depth {value} has 2^{value} leaves"
+                    if name == "depth" and value > high
+                    else ""
+                )
                 raise ConfigError(f"{name} must be between {low:g} and {high:g}, got {value:g}{hint}")
         for name, choices in (("surrogate", ("sigmoid", "softsign")), ("critic", ("mlp", "tree"))):
             if getattr(self, name) not in choices:
@@ -239,6 +247,7 @@ _RANGES: tuple[tuple[str, float, float], ...] = (
     ("ent_end_factor", 0, 1),
     ("vf_coef", 0, 100),
     ("log_std_init", -10, 3),
+    ("reward_scale", 1e-9, 1e9),
 )
 
 

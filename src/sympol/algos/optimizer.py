@@ -40,9 +40,13 @@ def optimizer(
     def group(name: str) -> optax.GradientTransformation:
         decay = optax.add_decayed_weights(hyper.weight_decay) if name in DECAYED else optax.identity()
         rate = getattr(hyper, f"learning_rate_{name}")
-        return optax.chain(optax.scale_by_adam(eps=ADAM_EPS), decay, optax.scale_by_learning_rate(rate * factor))
+        return optax.chain(
+            optax.scale_by_adam(eps=ADAM_EPS), decay, optax.scale_by_learning_rate(rate * factor)
+        )
 
-    groups = {name: group(name) for name in ("feature_logits", "thresholds", "leaf_values", "log_std", "critic")}
+    groups = {
+        name: group(name) for name in ("feature_logits", "thresholds", "leaf_values", "log_std", "critic")
+    }
     return optax.partition(groups, labels(networks))
 
 

@@ -139,7 +139,9 @@ def _advantages(
         last_value = jax.lax.cond(
             jnp.any(cut), value_of, lambda x: jnp.zeros(x.shape[:-1]), chunk.last_observation
         )
-        reward = fold_bootstrap(chunk.reward, chunk.truncated, chunk.terminated, last_value, hyper.gamma)
+        reward = fold_bootstrap(
+            hyper.reward_scale * chunk.reward, chunk.truncated, chunk.terminated, last_value, hyper.gamma
+        )
         advantage = gae(
             reward,
             value,

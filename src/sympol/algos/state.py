@@ -8,10 +8,14 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax import Array
-from jaxtyping import Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Bool, Float, Int, UInt32
 
 from ..policies.tree import Tree
 from .optimizer import Networks
+
+
+PATIENCE = 5
+"""Validations without improvement before the learning rates are halved."""
 
 
 class Normalizer(NamedTuple):
@@ -53,6 +57,10 @@ class Episodes(NamedTuple):
             self.count + jnp.sum(done, dtype=jnp.int32),
         )
 
+    def steps(self, reward: Float[Array, "steps envs"], done: Bool[Array, "steps envs"]) -> Episodes:
+        """Count many steps, one after the other."""
+        return jax.lax.scan(lambda e, step: (e.step(*step), None), self, (reward, done))[0]
+
     def reported(self) -> Episodes:
         """The sums start again."""
         return self._replace(sum_return=jnp.float32(0), sum_length=jnp.int32(0), count=jnp.int32(0))
@@ -90,13 +98,16 @@ class Validation(NamedTuple):
         return Validation(nothing, nothing, jnp.int32(0), actor, jnp.int32(0), jnp.float32(1))
 
     def update(
-        self, score: Float[Array, ""], timestep: Int[Array, ""], actor: Tree, *, patience: int = 5
+        self, score: Float[Array, ""], timestep: Int[Array, ""], actor: Tree, *, reduce_lr: bool
     ) -> Validation:
-        """Keep the best tree (higher is better; of equals the later); halve the rate on a plateau."""
+        """Keep the best tree (higher is better; of equals the later).
+
+        With ``reduce_lr`` the learning rates halve when five validations in a row brought nothing better.
+        """
         improved = score > self.best_return
         keep = score >= self.best_return
         num_bad = jnp.where(improved, 0, self.num_bad + 1)
-        plateau = num_bad >= patience
+        plateau = (num_bad >= PATIENCE) & reduce_lr
         return Validation(
             last_return=score,
             best_return=jnp.maximum(score, self.best_return),
@@ -108,14 +119,17 @@ class Validation(NamedTuple):
 
 
 class TrainState(NamedTuple):
-    """See the module. ``env_state`` and ``observation`` are None where the host steps the environments."""
+    """See the module. ``env_state`` and ``observation`` are None where the host steps the environments.
+
+    ``key`` is raw key data, so that every leaf is a plain array.
+    """
 
     networks: Networks
     opt_state: optax.OptState
     normalizer: Normalizer
     env_state: Any
     observation: Any
-    key: PRNGKeyArray
+    key: UInt32[Array, "2"]
     timestep: Int[Array, ""]
     iteration: Int[Array, ""]
     episodes: Episodes

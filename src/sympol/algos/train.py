@@ -1,12 +1,16 @@
-"""The training of a pure-JAX environment as one compiled program.
+"""The training loop, compiled once.
 
-A *segment* is: iterate until a timestep is reached, then validate. The host calls the same compiled segment
-again and again, and between two calls it saves, reports and may stop; where the calls are cut changes nothing
-in what is computed. Every number that could change a shape is a trip count instead: nothing compiles twice.
+A *segment* is: iterate until a timestep is reached, then validate. The host runs segment after segment, and
+between two of them it saves, reports and may stop. For a pure-JAX environment a segment is one call of one
+compiled program; where the calls are cut changes nothing in what is computed. For a Gymnasium environment the
+host collects, and only the update is compiled. Whatever could change a shape is a trip count instead, so
+nothing compiles twice.
 """
 
 from __future__ import annotations
 
+import abc
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -14,187 +18,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int, PRNGKeyArray
+from jaxtyping import Int
 
 from ..envs.env import Env
+from ..envs.registry import EnvSpec
 from ..functional.schedules import stage
 from ..policies.distributions import Distribution, distribution_of
-from ..policies.mlp import MLP
-from ..policies.tree import Tree
 from ..types import Transition
 from .collect import collect, empty_rollout, reset_envs
+from .collect_host import HostCollector
 from .config import Hyperparameters, PPOConfig
 from .evaluate import validate
-from .optimizer import Networks, optimizer
+from .init import init_state, normalizer_of, purpose_key, refit_normalizer
 from .ppo import learn
-from .state import Episodes, Losses, Normalizer, TrainState, Validation
+from .state import Episodes, TrainState
 
-UNBOUNDED = 1e6
-"""A bound beyond this says nothing about the scale of a feature."""
-
-INIT, TRAIN, VALIDATE = range(3)
-"""Purposes of the run's key: streams that never meet."""
-
-
-def purpose_key(seed: Int[Array, ""], purpose: int) -> PRNGKeyArray:
-    """The key of one purpose of the run with this seed."""
-    return jax.random.fold_in(jax.random.key(seed), purpose)
-
-
-def bounds_normalizer(low: np.ndarray, high: np.ndarray) -> tuple[Normalizer, np.ndarray]:
-    """Features with bounds to [−1, 1], the others as they are; and which have bounds."""
-    low, high = low.astype(np.float32), high.astype(np.float32)
-    bounded = (np.abs(low) < UNBOUNDED) & (np.abs(high) < UNBOUNDED) & (high > low)
-    low, high = np.where(bounded, low, -1), np.where(bounded, high, 1)
-    shift, scale = ((low + high) / 2).astype(np.float32), (2 / (high - low)).astype(np.float32)
-    return Normalizer(shift, scale), bounded  # pyright: ignore[reportArgumentType]
-
-
-def identity_normalizer(num_features: int) -> Normalizer:
-    """Leaves observations alone."""
-    return Normalizer(jnp.zeros(num_features), jnp.ones(num_features))
-
-
-def init_networks(
-    config: PPOConfig,
-    distribution: Distribution,
-    num_features: int,
-    hyper: Hyperparameters,
-    key: PRNGKeyArray,
-) -> Networks:
-    """A random tree and a random critic."""
-    actor_key, critic_key = jax.random.split(key)
-    architecture: dict[str, Any] = dict(
-        depth=config.depth, num_features=num_features, surrogate=config.surrogate
-    )
-    actor = Tree.create(
-        actor_key,
-        num_outputs=distribution.num_outputs,
-        num_std=distribution.num_std,
-        log_std=hyper.log_std_init,
-        **architecture,
-    )
-    if config.critic == "tree":
-        return Networks(actor, Tree.create(critic_key, num_outputs=1, **architecture))
-    return Networks(actor, MLP.create(critic_key, (num_features, *config.critic_hidden, 1)))
-
-
-def init_state(
-    config: PPOConfig,
-    distribution: Distribution,
-    normalizer: Normalizer,
-    hyper: Hyperparameters,
-    seed: Int[Array, ""],
-) -> TrainState:
-    """Before the first step; the environments are not started yet."""
-    num_features = normalizer.shift.shape[0]
-    networks = init_networks(config, distribution, num_features, hyper, purpose_key(seed, INIT))
-    return TrainState(
-        networks=networks,
-        opt_state=optimizer(hyper, jnp.float32(1), networks).init(networks),
-        normalizer=Normalizer(jnp.asarray(normalizer.shift), jnp.asarray(normalizer.scale)),
-        env_state=None,
-        observation=None,
-        key=purpose_key(seed, TRAIN),
-        timestep=jnp.int32(0),
-        iteration=jnp.int32(0),
-        episodes=Episodes.zeros(config.num_envs),
-        losses=Losses.zeros(),
-        validation=Validation.create(networks.actor),
-    )
-
-
-def refit_normalizer(state: TrainState, rollout: Transition, bounded: np.ndarray) -> Normalizer:
-    """From the first chunk: mean and deviation of the features that have no bounds."""
-    x = rollout.observation[0].reshape(-1, bounded.shape[0])
-    std = jnp.std(x, axis=0)
-    usable = std > 1e-6
-    shift = jnp.where(usable, jnp.mean(x, axis=0), 0.0)
-    scale = jnp.where(usable, 1 / jnp.where(usable, 2 * std, 1.0), 1.0)
-    return Normalizer(
-        jnp.where(bounded, state.normalizer.shift, shift), jnp.where(bounded, state.normalizer.scale, scale)
-    )
-
-
-def make_segment(env: Env, config: PPOConfig) -> Callable[..., TrainState]:
-    """``segment(hyper, seed, state, first, stop)``: train until ``stop`` timesteps, then validate.
-
-    With ``first`` the state's values are ignored and a new training begins. A pure function: jit it, vmap it
-    over ``hyper`` and ``seed``.
-    """
-    distribution = distribution_of(env.action_space)
-    space = env.observation_space
-    num_features = space.shape[0]
-    if config.normalize_obs:
-        normalizer, bounded = bounds_normalizer(space.low, space.high)
-    else:
-        normalizer, bounded = identity_normalizer(num_features), np.ones(num_features, bool)
-    max_chunks = 1 << config.max_stage
-
-    def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
-        state = init_state(config, distribution, normalizer, hyper, seed)
-        key, reset_key = jax.random.split(state.key)
-        env_state, observation = reset_envs(env, reset_key, config.num_envs)
-        return state._replace(key=key, env_state=env_state, observation=observation)
-
-    def iteration(
-        hyper: Hyperparameters, carry: tuple[TrainState, Transition]
-    ) -> tuple[TrainState, Transition]:
-        state, rollout = carry
-        key, collect_key, learn_key = jax.random.split(state.key, 3)
-        k = stage(state.timestep, config.total_timesteps, config.max_stage)
-        state, rollout = collect(env, distribution, state, rollout, 1 << k, collect_key)
-        next_x = state.normalizer(state.observation)
-
-        def update(state: TrainState) -> TrainState:
-            return learn(config, distribution, hyper, state, rollout, next_x, k, learn_key)
-
-        def warm_up(state: TrainState) -> TrainState:
-            return state._replace(normalizer=refit_normalizer(state, rollout, bounded))
-
-        state = update(state) if bounded.all() else jax.lax.cond(state.iteration == 0, warm_up, update, state)
-        state = state._replace(
-            key=key, timestep=state.timestep + (config.chunk_size << k), iteration=state.iteration + 1
-        )
-        return state, rollout
-
-    def segment(
-        hyper: Hyperparameters,
-        seed: Int[Array, ""],
-        state: TrainState,
-        first: Array,
-        stop: Int[Array, ""],
-    ) -> TrainState:
-        state = jax.lax.cond(first, lambda: begin(hyper, seed), lambda: state)
-        state = state._replace(episodes=state.episodes.reported())
-        rollout = empty_rollout(
-            env,
-            distribution,
-            max_chunks=max_chunks,
-            chunk_steps=config.chunk_steps,
-            num_envs=config.num_envs,
-        )
-        state, _ = jax.lax.while_loop(
-            lambda carry: carry[0].timestep < stop, lambda carry: iteration(hyper, carry), (state, rollout)
-        )
-        score = validate(
-            env,
-            distribution,
-            state.networks.actor.rollout(),
-            state.normalizer,
-            jax.random.split(purpose_key(seed, VALIDATE), config.num_eval_episodes),
-        )
-        validation = state.validation.update(score, state.timestep, state.networks.actor)
-        if not config.reduce_lr:
-            validation = validation._replace(lr_factor=jnp.float32(1))
-        return state._replace(validation=validation)
-
-    return segment
-
-
-def empty_state(env: Env, config: PPOConfig, segment: Callable[..., TrainState]) -> TrainState:
-    """A state of zeros of the right shapes, for the first call of ``segment``."""
-    raise NotImplementedError
+Segment = Callable[[Hyperparameters, Int[Array, ""], TrainState, Array, Int[Array, ""]], TrainState]
 
 
 def stops(config: PPOConfig) -> list[int]:
@@ -203,6 +42,176 @@ def stops(config: PPOConfig) -> list[int]:
     return sorted({int(np.ceil(stop)) for stop in evenly})
 
 
-def score_mean(total: Float[Array, ""], count: Int[Array, ""]) -> Float[Array, ""]:
-    """A mean that is NaN where nothing was counted."""
-    return total / count
+def make_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
+    """The function ``segment(hyper, seed, state, first, stop)`` and a state of zeros to start it with.
+
+    With ``first`` the state's values are ignored and a new training begins. A pure function: jit it, vmap it
+    over ``hyper`` and ``seed``. ``config`` gives what is static; its traced numbers are not looked at.
+    """
+    distribution = distribution_of(env.action_space)
+    normalizer, bounded = normalizer_of(env.observation_space, config)
+
+    def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
+        state = init_state(config, distribution, normalizer, hyper, seed)
+        key, reset_key = jax.random.split(jax.random.wrap_key_data(state.key))
+        env_state, observation = reset_envs(env, reset_key, config.num_envs)
+        return state._replace(key=jax.random.key_data(key), env_state=env_state, observation=observation)
+
+    def iteration(
+        hyper: Hyperparameters, state: TrainState, rollout: Transition
+    ) -> tuple[TrainState, Transition]:
+        key, collect_key, learn_key = jax.random.split(jax.random.wrap_key_data(state.key), 3)
+        state = state._replace(key=jax.random.key_data(key))
+        k = stage(state.timestep, config.total_timesteps, config.max_stage)
+        state, rollout = collect(env, distribution, state, rollout, 1 << k, collect_key)
+        next_x = state.normalizer(state.observation)
+        return improve(config, distribution, bounded, hyper, state, rollout, next_x, k, learn_key), rollout
+
+    def segment(
+        hyper: Hyperparameters, seed: Int[Array, ""], state: TrainState, first: Array, stop: Int[Array, ""]
+    ) -> TrainState:
+        state = jax.lax.cond(first, lambda: begin(hyper, seed), lambda: state)
+        state = state._replace(episodes=state.episodes.reported())
+        rollout = empty_rollout(env, distribution, config)
+        state, _ = jax.lax.while_loop(
+            lambda carry: carry[0].timestep < stop, lambda carry: iteration(hyper, *carry), (state, rollout)
+        )
+        actor = state.networks.actor
+        keys = jax.random.split(purpose_key(seed, "validation"), config.num_eval_episodes)
+        score = validate(env, distribution, actor.rollout(), state.normalizer, keys)
+        return with_score(config, state, score)
+
+    shapes = jax.eval_shape(begin, config.hyperparameters(), np.uint32(0))
+    return segment, jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), shapes)
+
+
+def improve(
+    config: PPOConfig,
+    distribution: Distribution,
+    bounded: np.ndarray,
+    hyper: Hyperparameters,
+    state: TrainState,
+    rollout: Transition,
+    next_x: Array,
+    k: Int[Array, ""],
+    key: Any,
+) -> TrainState:
+    """What a rollout is for: an update, or the scale of the features if it is the first and they have none."""
+
+    def update(state: TrainState) -> TrainState:
+        return learn(config, distribution, hyper, state, rollout, next_x, k, key)
+
+    def warm_up(state: TrainState) -> TrainState:
+        return state._replace(normalizer=refit_normalizer(state.normalizer, rollout, bounded))
+
+    state = update(state) if bounded.all() else jax.lax.cond(state.iteration == 0, warm_up, update, state)
+    return state._replace(timestep=state.timestep + (config.chunk_size << k), iteration=state.iteration + 1)
+
+
+def with_score(config: PPOConfig, state: TrainState, score: Array) -> TrainState:
+    """The state after a validation."""
+    validation = state.validation.update(
+        score, state.timestep, state.networks.actor, reduce_lr=config.reduce_lr
+    )
+    return state._replace(validation=validation)
+
+
+class Trainer(abc.ABC):
+    """Trains one seed, a segment at a time."""
+
+    latest: TrainState | None = None
+    """The last complete update inside a segment that failed, where the host has seen one."""
+
+    @abc.abstractmethod
+    def advance(self, state: TrainState | None, stop: int) -> TrainState:
+        """Train until ``stop`` timesteps and validate; None begins a new training."""
+
+    def close(self) -> None:  # noqa: B027  (nothing to close inside a compiled program)
+        """Let go of what the host holds."""
+
+
+class CompiledTrainer(Trainer):
+    """Of a pure-JAX environment: a segment is one call."""
+
+    def __init__(self, env: Env, config: PPOConfig, seed: int) -> None:
+        self._segment, self._empty = _compiled_segment(env, config.static())
+        self._hyper, self._seed = config.hyperparameters(), np.uint32(seed)
+
+    def advance(self, state: TrainState | None, stop: int) -> TrainState:
+        """See `Trainer`."""
+        first = np.bool_(state is None)
+        return self._segment(self._hyper, self._seed, state or self._empty, first, np.int32(stop))
+
+
+@functools.lru_cache(maxsize=8)
+def _compiled_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
+    segment, empty = make_segment(env, config)
+    return jax.jit(segment), empty
+
+
+class HostTrainer(Trainer):
+    """Of any Gymnasium environment: the host steps it, the update is compiled.
+
+    Every segment starts new episodes, seeded by the run's seed and the timestep: what happens after a segment
+    depends on nothing that a checkpoint could not hold.
+    """
+
+    def __init__(self, spec: EnvSpec, config: PPOConfig, seed: int) -> None:
+        self._config, self._seed, self._hyper = config, seed, config.hyperparameters()
+        distribution = distribution_of(spec.action_space)
+        normalizer, bounded = normalizer_of(spec.features, config)
+        self._collector = HostCollector(spec, distribution, config)
+
+        @jax.jit
+        def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
+            return init_state(config, distribution, normalizer, hyper, seed)
+
+        @jax.jit
+        def update(
+            hyper: Hyperparameters, state: TrainState, rollout: Transition, observation: Array
+        ) -> TrainState:
+            key, learn_key = jax.random.split(jax.random.wrap_key_data(state.key))
+            k = stage(state.timestep, config.total_timesteps, config.max_stage)
+            done = rollout.terminated | rollout.truncated
+            episodes = jax.lax.fori_loop(
+                0, 1 << k, lambda i, episodes: episodes.steps(rollout.reward[i], done[i]), state.episodes
+            )
+            state = state._replace(key=jax.random.key_data(key), episodes=episodes)
+            rollout = rollout._replace(
+                observation=state.normalizer(rollout.observation),
+                last_observation=state.normalizer(rollout.last_observation),
+            )
+            next_x = state.normalizer(observation)
+            return improve(config, distribution, bounded, hyper, state, rollout, next_x, k, learn_key)
+
+        @jax.jit
+        def begin_segment(state: TrainState) -> TrainState:
+            return state._replace(episodes=Episodes.zeros(config.num_envs))
+
+        @jax.jit
+        def judge(state: TrainState, score: Array) -> TrainState:
+            return with_score(config, state, score)
+
+        self._begin, self._begin_segment, self._update, self._judge = begin, begin_segment, update, judge
+
+    def advance(self, state: TrainState | None, stop: int) -> TrainState:
+        """See `Trainer`."""
+        config = self._config
+        state = self._begin_segment(state or self._begin(self._hyper, np.uint32(self._seed)))
+        self._collector.begin(self._seed, int(state.timestep))
+        while (timestep := int(state.timestep)) < stop:
+            num_chunks = 1 << stage(timestep, config.total_timesteps, config.max_stage)
+            rollout, observation = self._collector.collect(state, num_chunks)
+            state = self.latest = self._update(self._hyper, state, rollout, observation)
+        return self._judge(state, self._collector.validate(state, self._seed))
+
+    def close(self) -> None:
+        """Close the environments."""
+        self._collector.close()
+
+
+def make_trainer(spec: EnvSpec, config: PPOConfig, seed: int) -> Trainer:
+    """Compiled where the environment is written in JAX, through the host otherwise."""
+    if spec.env is not None:
+        return CompiledTrainer(spec.env, config, seed)
+    return HostTrainer(spec, config, seed)

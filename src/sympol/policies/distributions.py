@@ -219,7 +219,9 @@ def distribution_of(space: gymnasium.Space) -> Distribution:
         case gymnasium.spaces.MultiDiscrete():
             return MultiCategorical(tuple(int(n) for n in space.nvec))
         case gymnasium.spaces.Box():
-            low, high = (tuple(bound.astype(np.float32).ravel().tolist()) for bound in (space.low, space.high))
+            low, high = (
+                tuple(bound.astype(np.float32).ravel().tolist()) for bound in (space.low, space.high)
+            )
             return DiagonalGaussian(low, high, space.shape)
         case _:
             raise TypeError(f"no distribution over {space}; actions are Discrete, MultiDiscrete or Box")

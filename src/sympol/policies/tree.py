@@ -62,9 +62,7 @@ class Tree(eqx.Module):
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
         """The outputs of the leaf of each observation, differentiable straight through."""
-        return hard_tree(
-            self.feature_logits, self.thresholds, self.leaf_values, x, surrogate=self.surrogate
-        )
+        return hard_tree(self.feature_logits, self.thresholds, self.leaf_values, x, surrogate=self.surrogate)
 
     def rollout(self) -> RolloutTree:
         """The tree as it acts."""

@@ -1,0 +1,122 @@
+"""Experience from Gymnasium environments: the host steps them, the policy samples in one compiled call."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+from jaxtyping import Float, Int
+
+from ..envs.host import EnvironmentFailure
+from ..envs.registry import EnvSpec
+from ..policies.distributions import Distribution
+from ..policies.tree import Tree
+from ..types import Transition
+from .config import PPOConfig
+from .init import PURPOSES
+from .state import Normalizer, TrainState
+
+
+def host_seed(seed: int, purpose: str, timestep: int = 0) -> int:
+    """A seed for the host's environments; no two purposes, seeds or timesteps share one (up to chance, 2⁻⁶³)."""
+    words = np.random.SeedSequence([seed, PURPOSES.index(purpose), timestep]).generate_state(1, np.uint64)
+    return int(words[0] >> np.uint64(1))
+
+
+class HostCollector:
+    """The environments of one training, and the buffer that its rollouts are written to."""
+
+    def __init__(self, spec: EnvSpec, distribution: Distribution, config: PPOConfig) -> None:
+        self._config = config
+        self._envs = spec.host_envs(config.num_envs)
+        self._observation = np.zeros((config.num_envs, len(spec.features.names)), np.float32)
+        self._max_episode_steps = spec.max_episode_steps
+
+        @jax.jit
+        def act(
+            actor: Tree, normalizer: Normalizer, key: Array, step: Int[Array, ""], observation: Array
+        ) -> tuple[Array, Array]:
+            outputs = actor.rollout()(normalizer(observation))
+            noise_key = jax.random.fold_in(jax.random.wrap_key_data(key), step)
+            noise = distribution.noise(noise_key, (config.num_envs,))
+            action = distribution.sample(outputs, actor.log_std, noise)
+            return action, distribution.to_env(action)
+
+        @jax.jit
+        def decide(actor: Tree, normalizer: Normalizer, observation: Array) -> Array:
+            return distribution.to_env(distribution.mode(actor.rollout()(normalizer(observation))))
+
+        self._act, self._decide = act, decide
+
+    def begin(self, seed: int, timestep: int) -> None:
+        """Start new episodes everywhere."""
+        self._observation = self._envs.reset(host_seed(seed, "train", timestep))
+
+    def collect(
+        self, state: TrainState, num_chunks: int
+    ) -> tuple[Transition, Float[np.ndarray, "envs features"]]:
+        """Steps for ``num_chunks`` chunks, unscaled, and the observation after the last.
+
+        Raises EnvironmentFailure, naming the step, when an environment does.
+        """
+        config, rollout = self._config, None
+        for i in range(num_chunks * config.chunk_steps):
+            observation = self._observation
+            action, env_action = self._act(
+                state.networks.actor, state.normalizer, state.key, np.int32(i), observation
+            )
+            try:
+                step, self._observation = self._envs.step(np.asarray(env_action))
+            except EnvironmentFailure as failure:
+                at = int(state.timestep) + i * config.num_envs
+                raise EnvironmentFailure(f"at training step {at:,}: {failure}") from failure
+            transition = Transition(
+                observation,
+                np.asarray(action),
+                step.reward,
+                step.terminated,
+                step.truncated,
+                step.observation,
+            )
+            rollout = rollout if rollout is not None else self._buffer(transition)
+            jax.tree.map(_writer(*divmod(i, config.chunk_steps)), rollout, transition)
+        assert rollout is not None
+        return rollout, self._observation
+
+    def validate(self, state: TrainState, seed: int) -> np.float32:
+        """Mean return of the deterministic tree; every copy plays the same number of episodes."""
+        config = self._config
+        quota = -(-config.num_eval_episodes // config.num_envs)
+        running, played = np.zeros(config.num_envs), np.zeros(config.num_envs, int)
+        total, length = 0.0, np.zeros(config.num_envs, int)
+        limit = self._max_episode_steps or MAX_EPISODE_STEPS
+        observation = self._envs.reset(host_seed(seed, "validation"))
+        while np.any(played < quota):
+            action = self._decide(state.networks.actor, state.normalizer, observation)
+            step, observation = self._envs.step(np.asarray(action))
+            running, length = running + step.reward, length + 1
+            done = step.terminated | step.truncated | (length >= limit)
+            total += float(running[done & (played < quota)].sum())
+            played, running, length = played + done, np.where(done, 0, running), np.where(done, 0, length)
+        return np.float32(total / (quota * config.num_envs))
+
+    def close(self) -> None:
+        """Close the environments."""
+        self._envs.close()
+
+    def _buffer(self, transition: Transition) -> Transition:
+        axes = (1 << self._config.max_stage, self._config.chunk_steps)
+        return jax.tree.map(lambda a: np.zeros((*axes, *np.shape(a)), np.asarray(a).dtype), transition)
+
+
+MAX_EPISODE_STEPS = 10_000
+"""Where a validation episode of an environment without a time limit is cut."""
+
+
+def _writer(chunk: int, step: int) -> Any:
+    def write(buffer: np.ndarray, value: np.ndarray) -> None:
+        buffer[chunk, step] = value
+
+    return write

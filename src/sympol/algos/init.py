@@ -1,0 +1,118 @@
+"""Before the first step: keys, networks, the scale of the features."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Int, PRNGKeyArray
+
+from ..policies.distributions import Distribution
+from ..policies.mlp import MLP
+from ..policies.tree import Tree
+from ..types import Transition
+from .config import Hyperparameters, PPOConfig
+from .optimizer import Networks, optimizer
+from .state import Episodes, Losses, Normalizer, TrainState, Validation
+
+UNBOUNDED = 1e6
+"""A bound beyond this says nothing about the scale of a feature."""
+
+PURPOSES = ("init", "train", "validation")
+
+
+class Bounded(Protocol):
+    """Whatever knows the bounds of a flat observation."""
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lowest value of each feature."""
+        ...
+
+    @property
+    def high(self) -> np.ndarray:
+        """Highest value of each feature."""
+        ...
+
+
+def purpose_key(seed: Int[Array, ""], purpose: Literal["init", "train", "validation"]) -> PRNGKeyArray:
+    """The key of one purpose of the run with this seed: streams that never meet."""
+    return jax.random.fold_in(jax.random.key(seed), PURPOSES.index(purpose))
+
+
+def normalizer_of(space: Bounded, config: PPOConfig) -> tuple[Normalizer, np.ndarray]:
+    """The scaling that needs no data, and for which features it is final.
+
+    Features with finite bounds go to [−1, 1]; the others keep their size until `refit_normalizer`.
+    """
+    low, high = (np.asarray(bound, np.float32).ravel() for bound in (space.low, space.high))
+    bounded = (np.abs(low) < UNBOUNDED) & (np.abs(high) < UNBOUNDED) & (high > low)
+    scaled = bounded & config.normalize_obs
+    low, high = np.where(scaled, low, -1), np.where(scaled, high, 1)
+    shift, scale = ((low + high) / 2).astype(np.float32), (2 / (high - low)).astype(np.float32)
+    return Normalizer(jnp.asarray(shift), jnp.asarray(scale)), bounded | (not config.normalize_obs)
+
+
+def refit_normalizer(normalizer: Normalizer, rollout: Transition, bounded: np.ndarray) -> Normalizer:
+    """From the first chunk: features without bounds get mean 0 and standard deviation ½."""
+    x = rollout.observation[0].reshape(-1, bounded.shape[0])
+    mean, std = jnp.mean(x, axis=0), jnp.std(x, axis=0)
+    moves = ~bounded & (std > 1e-6)
+    return Normalizer(
+        jnp.where(moves, mean, normalizer.shift),
+        jnp.where(moves, 0.5 / jnp.where(moves, std, 1), normalizer.scale),
+    )
+
+
+def init_networks(
+    config: PPOConfig,
+    distribution: Distribution,
+    num_features: int,
+    hyper: Hyperparameters,
+    key: PRNGKeyArray,
+) -> Networks:
+    """A random tree and a random critic."""
+    actor_key, critic_key = jax.random.split(key)
+    architecture: dict[str, Any] = {
+        "depth": config.depth,
+        "num_features": num_features,
+        "surrogate": config.surrogate,
+    }
+    actor = Tree.create(
+        actor_key,
+        num_outputs=distribution.num_outputs,
+        num_std=distribution.num_std,
+        log_std=hyper.log_std_init,
+        **architecture,
+    )
+    if config.critic == "tree":
+        return Networks(actor, Tree.create(critic_key, num_outputs=1, **architecture))
+    return Networks(actor, MLP.create(critic_key, (num_features, *config.critic_hidden, 1)))
+
+
+def init_state(
+    config: PPOConfig,
+    distribution: Distribution,
+    normalizer: Normalizer,
+    hyper: Hyperparameters,
+    seed: Int[Array, ""],
+) -> TrainState:
+    """Before the first step; the environments are not started yet."""
+    num_features = normalizer.shift.shape[0]
+    networks = init_networks(config, distribution, num_features, hyper, purpose_key(seed, "init"))
+    return TrainState(
+        networks=networks,
+        opt_state=optimizer(hyper, jnp.float32(1), networks).init(networks),
+        normalizer=normalizer,
+        env_state=None,
+        observation=None,
+        key=jax.random.key_data(purpose_key(seed, "train")),
+        timestep=jnp.int32(0),
+        iteration=jnp.int32(0),
+        episodes=Episodes.zeros(config.num_envs),
+        losses=Losses.zeros(),
+        validation=Validation.create(networks.actor),
+    )

@@ -1,0 +1,48 @@
+"""The order of the float32 numbers: where exactly does a rounded function cross a threshold?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..trees.floats import flushed
+
+
+def to_rank(x: np.ndarray) -> np.ndarray:
+    """Place of each float32 in their order, an int64; neighbours differ by one, −0 and +0 are one."""
+    bits = np.asarray(x, np.float32).view(np.int32).astype(np.int64)
+    return np.where(bits >= 0, bits, -(bits & 0x7FFFFFFF))
+
+
+def from_rank(rank: np.ndarray) -> np.ndarray:
+    """The float32 at each place."""
+    magnitude = np.abs(rank).astype(np.int32).view(np.float32)
+    return np.where(rank < 0, -magnitude, magnitude).astype(np.float32)
+
+
+def largest_below(function: Callable[[np.ndarray], np.ndarray], threshold: np.ndarray) -> np.ndarray:
+    """For each threshold the largest finite float32 x with ``function(x) <= threshold``.
+
+    ``function`` works element by element and never falls as x grows, rounding included. Bisection over the 2³²
+    floats, so the answer is exact: ``x <= answer`` and ``function(x) <= threshold`` agree on every float32.
+    Where not even the lowest finite x qualifies, the answer is −inf; subnormal answers become zero.
+    """
+    extreme = to_rank(np.float32(np.finfo(np.float32).max))
+    low = np.full(threshold.shape, -extreme - 1)  # −inf: qualifies by definition
+    high = np.full(threshold.shape, extreme + 1)  # +inf: does not
+    while np.any(high - low > 1):
+        middle = (low + high) // 2
+        below = function(from_rank(middle)) <= threshold
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return flushed(from_rank(low))
+
+
+def unscale_thresholds(threshold: np.ndarray, shift: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Raw thresholds that split as ``(x − shift) · scale <= threshold`` does in float32, for every x."""
+
+    def scaled(x: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore"):
+            return flushed(flushed(flushed(x) - shift) * scale)
+
+    return largest_below(scaled, flushed(threshold))

@@ -1,0 +1,39 @@
+"""From trained parameters to the one object that is read, plotted, exported and evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..functional.float32_order import unscale_thresholds
+from ..trees import DecisionTree
+from ..trees.actions import ActionSpec
+from .tree import Tree
+
+
+def extract_tree(
+    actor: Tree,
+    shift: np.ndarray,
+    scale: np.ndarray,
+    *,
+    actions: ActionSpec,
+    feature_names: Sequence[str],
+    feature_low: np.ndarray,
+    feature_high: np.ndarray,
+) -> DecisionTree:
+    """The complete tree over raw observations that acts, on every float32 observation, as the actor does.
+
+    The actor sees ``(x − shift) · scale``; the tree's thresholds undo the scaling exactly (`unscale_thresholds`).
+    """
+    feature = np.argmax(np.asarray(actor.feature_logits), axis=1)
+    threshold = np.take_along_axis(np.asarray(actor.thresholds), feature[:, None], axis=1)[:, 0]
+    return DecisionTree.from_complete(
+        feature,
+        unscale_thresholds(threshold, np.asarray(shift)[feature], np.asarray(scale)[feature]),
+        np.asarray(actor.leaf_values),
+        actions=actions,
+        feature_names=feature_names,
+        feature_low=feature_low,
+        feature_high=feature_high,
+    )
