@@ -10,6 +10,8 @@ lands on the root, while the square would halve its way there in log₂ √n ste
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -36,34 +38,42 @@ def entmax15(logits: Float[Array, "*shape"], axis: int = -1) -> Float[Array, "*s
         raise ValueError(f"axis must exist in logits of shape {logits.shape}, got {axis}")
     if logits.shape[axis] == 0:
         raise ValueError(f"logits must have an entry along axis {axis}, got shape {logits.shape}")
-    return jnp.moveaxis(_entmax15(jnp.moveaxis(logits, axis, -1)), -1, axis)
+    return _entmax15(axis % logits.ndim, logits)
 
 
-def entmax15_root(logits: Float[Array, "*rows n"]) -> Float[Array, "*rows n"]:
-    """√entmax15 along the last axis: all that the derivative needs."""
+def entmax15_vjp(logits: Float[Array, "rows n"], v: Float[Array, "rows n"]) -> Float[Array, "rows n"]:
+    """The derivative of entmax15 along the last axis times ``v``, without its value."""
+    if logits.shape[1] > 32:
+        return _product(_root(logits, 1), v, 1)
+    # XLA's sums over a short last axis are slow; down the columns they are vectorised
+    return _product(_root(logits.T, 0), v.T, 0).T
+
+
+def _root(logits: Array, axis: int) -> Array:
+    """√entmax15: all that the derivative needs."""
     half = logits * 0.5
-    z = half - jnp.max(half, -1, keepdims=True)
-    s = z + 1.0
-    for _ in range(NEWTON_STEPS):
-        s = jnp.maximum(s, 0.0)
-        square = jnp.sum(s * s, -1, keepdims=True)
-        step = (square - jnp.sqrt(square)) / jnp.sum(s, -1, keepdims=True)
-        s = jnp.where(s > 0, s - step, 0.0)  # t only grows: what has left the support stays out
-    return jnp.maximum(s, 0.0)
+    z = half - jnp.max(half, axis, keepdims=True)
+
+    def newton(_: int, t: Array) -> Array:
+        s = jnp.maximum(z - t, 0.0)
+        square = jnp.sum(s * s, axis, keepdims=True)
+        return t + (square - jnp.sqrt(square)) / jnp.sum(s, axis, keepdims=True)
+
+    t = jnp.full_like(jnp.sum(z, axis, keepdims=True), -1.0)
+    return jnp.maximum(z - jax.lax.fori_loop(0, NEWTON_STEPS, newton, t), 0.0)
 
 
-def entmax15_product(root: Float[Array, "*rows n"], v: Float[Array, "*rows n"]) -> Float[Array, "*rows n"]:
-    """The derivative of entmax15 (at the point with this ``root``) times ``v``, along the last axis."""
-    mean = jnp.sum(root * v, -1, keepdims=True) / jnp.sum(root, -1, keepdims=True)
+def _product(root: Array, v: Array, axis: int) -> Array:
+    mean = jnp.sum(root * v, axis, keepdims=True) / jnp.sum(root, axis, keepdims=True)
     return root * (v - mean)
 
 
-@jax.custom_jvp
-def _entmax15(logits: Array) -> Array:
-    return jnp.square(entmax15_root(logits))
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _entmax15(axis: int, logits: Array) -> Array:
+    return jnp.square(_root(logits, axis))
 
 
 @_entmax15.defjvp
-def _entmax15_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    root = entmax15_root(*primals)
-    return jnp.square(root), entmax15_product(root, *tangents)
+def _entmax15_jvp(axis: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    root = _root(*primals, axis)
+    return jnp.square(root), _product(root, *tangents, axis)

@@ -20,7 +20,7 @@ from jax import Array
 from jax.lax import Precision
 from jaxtyping import Float, Int
 
-from .entmax import entmax15_product, entmax15_root
+from .entmax import entmax15_vjp
 
 Surrogate: TypeAlias = Literal["sigmoid", "softsign"]
 
@@ -63,75 +63,106 @@ def hard_tree(
 def select(
     feature_logits: Float[Array, "N F"], thresholds: Float[Array, "N F"]
 ) -> tuple[Int[Array, " N"], Float[Array, " N"]]:
-    """The feature each node looks at and its threshold: once for all observations of a rollout."""
-    feature = jnp.argmax(feature_logits, axis=1).astype(jnp.int32)
-    return feature, _flush(jnp.take_along_axis(thresholds, feature[:, None], axis=1)[:, 0])
+    """The feature each node looks at, and its threshold: what acting needs, once for a whole rollout."""
+    num_nodes, num_features = feature_logits.shape
+    # argmax, written so that XLA vectorises it (three times faster for 147 features)
+    candidate = jnp.arange(num_features, dtype=jnp.int32)[None]
+    best = feature_logits == jnp.max(feature_logits, axis=1, keepdims=True)
+    feature = jnp.min(jnp.where(best, candidate, num_features - 1), axis=1)
+    at = jnp.arange(num_nodes, dtype=jnp.uint32) * num_features + feature.astype(jnp.uint32)
+    return feature, _flush(_take(thresholds.reshape(-1), at))
 
 
 def leaf_index(
     feature: Int[Array, " N"], threshold: Float[Array, " N"], x: Float[Array, "B F"]
 ) -> Int[Array, " B"]:
-    """The leaf (0 to L − 1) of each observation, by D comparisons; no gradient."""
+    """The leaf (0 to L − 1) each observation falls into: D comparisons, no gradient.
+
+    ``feature`` and ``threshold`` are those of `select`; ``leaf_values[leaf_index(...)]`` is then `hard_tree`.
+
+    Raises:
+        ValueError: if the number of nodes is not that of a full tree.
+    """
     depth = _depth(feature.shape[0])
-    node = jnp.zeros(x.shape[0], jnp.int32)
-    for _ in range(depth):
-        _, node = _descend(feature, threshold, x, node)
-    return node - feature.shape[0]
-
-
-def _descend(feature: Array, threshold: Array, x: Array, node: Array) -> tuple[Array, Array]:
-    """One level down from ``node`` [B, ...]: the difference threshold − x there, and the child taken."""
-    rows = jnp.arange(x.shape[0]).reshape(-1, *[1] * (node.ndim - 1))
-    value = _flush(x.at[rows, feature[node]].get(mode="promise_in_bounds"))
-    at = threshold.at[node].get(mode="promise_in_bounds")
-    return at - value, 2 * node + jnp.where(value <= at, 1, 2)
+    node = jnp.zeros(x.shape[0], jnp.uint32)
+    node = jax.lax.fori_loop(0, depth, lambda _, node: _child(feature, threshold, x, node), node)
+    return node.astype(jnp.int32) - feature.shape[0]
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _hard_tree(
     surrogate: Surrogate, feature_logits: Array, thresholds: Array, leaf_values: Array, x: Array
 ) -> Array:
-    return leaf_values[leaf_index(*select(feature_logits, thresholds), x)]
+    return _forward(surrogate, feature_logits, thresholds, leaf_values, x)[0]
 
 
 def _forward(surrogate: Surrogate, feature_logits: Array, thresholds: Array, leaf_values: Array, x: Array):
     feature, threshold = select(feature_logits, thresholds)
-    leaf = leaf_index(feature, threshold, x)
-    return leaf_values[leaf], (feature_logits, thresholds, leaf_values, x, feature, threshold, leaf)
+    leaf = leaf_index(feature, threshold, x).astype(jnp.uint32)
+    return _take(leaf_values, leaf), (feature_logits, thresholds, leaf_values, x, feature, threshold, leaf)
 
 
 def _backward(surrogate: Surrogate, residuals: tuple[Array, ...], g: Array):
+    """What each observation adds, at the D nodes of its own path; everything else is zero.
+
+    With u = g · leaf_values[own leaf] and v the same for the leaf it would have reached from the child not
+    taken at a node, ∂loss/∂s there is ±(u − v).
+    """
     feature_logits, thresholds, leaf_values, x, feature, threshold, leaf = residuals
-    num_nodes, depth = feature.shape[0], _depth(feature.shape[0])
+    num_nodes, num_features = feature_logits.shape
+    depth = _depth(num_nodes)
 
-    own = jnp.sum(g * leaf_values[leaf], axis=1)
-    ones = jnp.ones((1, depth), jnp.int32)
-    level = jnp.arange(depth, dtype=jnp.int32)[None]
-    path = ((leaf[:, None] + num_nodes + 1 * ones) >> (depth - level)) - 1
-    difference, taken = _descend(feature, threshold, x, path)
-    went_left = taken == 2 * path + 1
+    # The path [D, B]. Counting nodes from one, a parent is half its child, the root at level 0.
+    level = jnp.arange(depth, dtype=jnp.uint32)[:, None]
+    child = ((leaf[None] + (num_nodes + 1)) >> (depth - 1 - level)) - 1
+    path = (child - 1) >> 1
+    went_left = child & 1 == 1
+    sibling = jnp.where(went_left, child + 1, child - 1)
 
-    # All siblings of the path walk down together, the one at depth d + 1 starting when its turn comes.
-    walk = jnp.where(went_left, 2 * path + 2, 2 * path + 1)
+    # All siblings descend to a leaf together, the one of the next level joining after each step.
+    walk = sibling[:1]
     for d in range(1, depth):
-        _, below = _descend(feature, threshold, x, walk[:, :d])
-        walk = jnp.concatenate([below, walk[:, d:]], axis=1)
-    other = jnp.einsum("ba,bda->bd", g, leaf_values[walk - num_nodes], precision=Precision.HIGHEST)
+        walk = jnp.concatenate([_child(feature, threshold, x, walk), sibling[d : d + 1]])
 
-    delta = jnp.where(went_left, 1.0, -1.0) * (own[:, None] - other)
-    c = delta * _slope(surrogate, difference)
-    finite_x = jnp.where(jnp.isfinite(x), x, 0.0)
-    rows = c[:, :, None] * jnp.concatenate([finite_x, jnp.ones_like(x[:, :1])], axis=1)[:, None, :]
-    sums = jnp.zeros((num_nodes, x.shape[1] + 1), x.dtype).at[path].add(rows)
-    product, total = sums[:, :-1], sums[:, -1:]
+    own = jnp.sum(g * _take(leaf_values, leaf), axis=1)[None]
+    other = jnp.einsum("dba,ba->db", _take(leaf_values, walk - num_nodes), g, precision=Precision.HIGHEST)
+    delta = jnp.where(went_left, own - other, other - own)
+    c = delta * _slope(surrogate, _take(threshold, path) - _value(feature, x, path))
 
-    chosen = feature[:, None] == jnp.arange(x.shape[1], dtype=jnp.int32)[None]
+    total, product = _sum_at_nodes(c, path, x)
+    thresholds = jnp.where(jnp.isfinite(thresholds), thresholds, 0.0)
+    chosen = feature[:, None] == jnp.arange(num_features, dtype=jnp.int32)[None]
     return (
-        entmax15_product(entmax15_root(feature_logits), total * thresholds - product),
-        jnp.where(chosen, total, 0.0),
-        jnp.zeros_like(leaf_values).at[leaf].add(g),
+        entmax15_vjp(feature_logits, total[:, None] * thresholds - product),
+        jnp.where(chosen, total[:, None], 0.0),
+        jnp.zeros_like(leaf_values).at[leaf].add(g, mode="promise_in_bounds"),
         jnp.zeros_like(x),
     )
+
+
+def _sum_at_nodes(c: Array, path: Array, x: Array) -> tuple[Array, Array]:
+    """Σ_b c and Σ_b c·x at every node ([N] and [N, F]) from c [D, B] at the nodes of the paths [D, B].
+
+    XLA scatters on a CPU row by row, so the levels near the root, which every observation shares with many,
+    go in one row an observation, addressed by the node where they end; their tables are then summed upwards.
+    """
+    depth, batch = c.shape
+    x = jnp.where(jnp.isfinite(x), x, 0.0)
+    x = jnp.concatenate([x, jnp.ones_like(x[:, :1])], axis=1)
+    width = x.shape[1]
+    top = min(depth, 5 if width <= 32 else 3)
+
+    rows = (c[:top].T[:, :, None] * x[:, None]).reshape(batch, top * width)
+    table = jnp.zeros((2 ** (top - 1), top * width), x.dtype)
+    table = table.at[path[top - 1] - (2 ** (top - 1) - 1)].add(rows, mode="promise_in_bounds")
+    table = table.reshape(-1, top, width)
+    sums = [table[:, d].reshape(2**d, -1, width).sum(1) for d in range(top)]
+    if top < depth:
+        low = jnp.zeros((2**depth - 2**top, width), x.dtype)
+        rows = c[top:, :, None] * x[None]
+        sums.append(low.at[path[top:] - (2**top - 1)].add(rows, mode="promise_in_bounds"))
+    sums = jnp.concatenate(sums)
+    return sums[:, -1], sums[:, :-1]
 
 
 _hard_tree.defvjp(_forward, _backward)
@@ -140,8 +171,8 @@ _hard_tree.defvjp(_forward, _backward)
 def _slope(surrogate: Surrogate, difference: Array) -> Array:
     """S′, the derivative of the surrogate; nothing where the difference is not a number."""
     if surrogate == "sigmoid":
-        s = jax.nn.sigmoid(difference)
-        slope = s * (1.0 - s)
+        e = jnp.exp(-jnp.abs(difference))
+        slope = e / jnp.square(1.0 + e)
     else:
         slope = 0.5 / jnp.square(1.0 + jnp.abs(difference))
     return jnp.where(jnp.isnan(slope), 0.0, slope)
@@ -152,8 +183,37 @@ def _flush(values: Array) -> Array:
     return jnp.where(jnp.abs(values) < _SMALLEST_NORMAL, 0.0, values)
 
 
+def _take(table: Array, index: Array) -> Array:
+    """table[index]; the index unsigned, or XLA spends as long on wrapping negative ones as on the gather."""
+    return table.at[index].get(mode="promise_in_bounds")
+
+
+def _value(feature: Array, x: Array, node: Array) -> Array:
+    """x[b, feature[node[..., b]]] for nodes [..., B]."""
+    batch, num_features = x.shape
+    row = jnp.arange(batch, dtype=jnp.uint32) * num_features
+    return _flush(
+        _take(
+            x.reshape(-1),
+            row.reshape(*[1] * (node.ndim - 1), batch) + _take(feature.astype(jnp.uint32), node),
+        )
+    )
+
+
+def _child(feature: Array, threshold: Array, x: Array, node: Array) -> Array:
+    """Where the observations that are at these nodes [..., B] go next."""
+    left = _value(feature, x, node) <= _take(threshold, node)
+    return 2 * node + jnp.where(left, 1, 2).astype(jnp.uint32)
+
+
 def _depth(num_nodes: int) -> int:
-    return (num_nodes + 1).bit_length() - 1
+    depth = (num_nodes + 1).bit_length() - 1
+    if num_nodes != 2**depth - 1 or not 1 <= depth <= MAX_DEPTH:
+        raise ValueError(
+            f"a full tree of depth 1 to {MAX_DEPTH} has 2^depth − 1 inner nodes, got {num_nodes}; "
+            "pad the tree to a full one"
+        )
+    return depth
 
 
 def _check(feature_logits: Array, thresholds: Array, leaf_values: Array, x: Array, surrogate: str) -> None:
