@@ -44,7 +44,7 @@ class HostEnvs:
         """
         seeds: list[int | None] = [*np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()]
         observation, _ = self._envs.reset(seed=seeds)
-        self._require_finite("observation", observation)
+        self._require_finite("an observation", observation)
         return observation.copy()
 
     def step(self, actions: Shaped[ndarray, "envs ..."]) -> tuple[Step, Float32[ndarray, "envs features"]]:
@@ -63,9 +63,9 @@ class HostEnvs:
         for index in np.flatnonzero(terminated | truncated):
             last_observation[index] = info["final_obs"][index]
         reward = reward.astype(np.float32)
-        self._require_finite("observation", last_observation)
-        self._require_finite("first observation of an episode", next_observation)
-        self._require_finite("reward", reward)
+        self._require_finite("an observation", last_observation)
+        self._require_finite("a first observation of an episode", next_observation)
+        self._require_finite("a reward", reward)
         step: Any = last_observation, reward, terminated, truncated  # NumPy's arrays, not JAX's
         return Step(*step), next_observation
 
@@ -78,7 +78,7 @@ class HostEnvs:
             return
         index = np.argwhere(~np.isfinite(values))[0][0]
         raise EnvironmentFailure(
-            f"environment {index} returned a {what} that is not finite in float32: {values[index]}"
+            f"environment {index} returned {what} that is not finite in float32: {values[index]}"
         )
 
 

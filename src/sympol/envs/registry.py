@@ -136,14 +136,19 @@ def resolve(
         action_space=example.action_space,
         features=Features.of(
             example.observation_space,
-            feature_names or entry.feature_names or getattr(example, "feature_names", None),
+            _first(feature_names, entry.feature_names, getattr(example, "feature_names", None)),
         ),
         actions=action_spec(
-            example.action_space, action_names or entry.action_names or getattr(example, "action_names", None)
+            example.action_space,
+            _first(action_names, entry.action_names, getattr(example, "action_names", None)),
         ),
         max_episode_steps=_max_episode_steps(example),
         has_one_copy=has_one_copy,
     )
+
+
+def _first(*names: Sequence[str] | None) -> Sequence[str] | None:
+    return next((given for given in names if given is not None), None)
 
 
 class _Source(NamedTuple):

@@ -46,7 +46,7 @@ class Features:
 
         Raises ValueError for an unsupported space and for names that do not fit.
         """
-        features = list(_features(space, "x"))
+        features = list(_features(space))
         if not features:
             raise ValueError(f"observation space must have at least one feature, got {space}")
         return cls(
@@ -131,7 +131,7 @@ def native_actions(space: Space, actions: ArrayLike) -> NDArray:
     raise ValueError(f"unsupported action space {space}")
 
 
-def _features(space: Space, path: str) -> Iterator[Feature]:
+def _features(space: Space, path: str = "x", *, is_root: bool = True) -> Iterator[Feature]:
     match space:
         case Box():
             for index in np.ndindex(space.shape):
@@ -148,10 +148,10 @@ def _features(space: Space, path: str) -> Iterator[Feature]:
                     yield Feature(f"{path}{_subscript(index)} = {space.start[index] + category}", 0, 1)
         case Dict():
             for key, part in space.spaces.items():
-                yield from _features(part, str(key) if path == "x" else f"{path}.{key}")
+                yield from _features(part, str(key) if is_root else f"{path}.{key}", is_root=False)
         case Tuple():
             for position, part in enumerate(space.spaces):
-                yield from _features(part, f"{path}.{position}")
+                yield from _features(part, f"{path}.{position}", is_root=False)
         case _:
             raise ValueError(
                 f"unsupported observation space {space}; supported are Box, Discrete, MultiBinary, "
