@@ -12,6 +12,7 @@ from jaxtyping import Int, PRNGKeyArray
 from ..envs.env import Env
 from ..policies.distributions import Distribution
 from ..types import Transition
+from .config import PPOConfig
 from .state import Episodes, TrainState
 
 

@@ -72,14 +72,13 @@ class HostCollector:
             except EnvironmentFailure as failure:
                 at = int(state.timestep) + i * config.num_envs
                 raise EnvironmentFailure(f"at training step {at:,}: {failure}") from failure
-            transition = Transition(
+            row: Any = (
                 observation,
                 np.asarray(action),
-                step.reward,
-                step.terminated,
-                step.truncated,
+                *step[1:],
                 step.observation,
-            )
+            )  # NumPy's arrays, not JAX's
+            transition = Transition(*row)
             rollout = rollout if rollout is not None else self._buffer(transition)
             jax.tree.map(_writer(*divmod(i, config.chunk_steps)), rollout, transition)
         assert rollout is not None

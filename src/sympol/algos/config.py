@@ -161,7 +161,7 @@ class PPOConfig:
                     if name == "depth" and value > high
                     else ""
                 )
-                raise ConfigError(f"{name} must be between {low:g} and {high:g}, got {value:g}{hint}")
+                raise ConfigError(f"{name} must be between {low} and {high}, got {value}{hint}")
         for name, choices in (("surrogate", ("sigmoid", "softsign")), ("critic", ("mlp", "tree"))):
             if getattr(self, name) not in choices:
                 raise ConfigError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
@@ -215,7 +215,7 @@ class PPOConfig:
                 near = difflib.get_close_matches(name, known, n=3)
                 hint = f"; did you mean {', '.join(near)}?" if near else ""
                 raise ConfigError(f"unknown config field {name!r}{hint}")
-        as_tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        as_tuples: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         return cls(**as_tuples)
 
     def to_dict(self) -> dict[str, Any]:
@@ -259,8 +259,8 @@ def _check_type(name: str, value: object, default: object) -> None:
         case int():
             good, kind = isinstance(value, int) and not isinstance(value, bool), "a whole number"
         case float():
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            good, kind = number and not math.isnan(value), "a number"
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            good, kind = whole or (isinstance(value, float) and not math.isnan(value)), "a number"
         case tuple():
             good = isinstance(value, tuple) and all(type(v) is int for v in value)
             kind = "a list of whole numbers"

@@ -102,7 +102,7 @@ def init_state(
 ) -> TrainState:
     """Before the first step; the environments are not started yet."""
     num_features = normalizer.shift.shape[0]
-    networks = init_networks(config, distribution, num_features, hyper, purpose_key(seed, "init"))
+    networks: Any = init_networks(config, distribution, num_features, hyper, purpose_key(seed, "init"))
     return TrainState(
         networks=networks,
         opt_state=optimizer(hyper, jnp.float32(1), networks).init(networks),

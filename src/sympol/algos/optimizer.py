@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import optax
 from jax import Array
 from jaxtyping import Float
@@ -44,7 +46,7 @@ def optimizer(
             optax.scale_by_adam(eps=ADAM_EPS), decay, optax.scale_by_learning_rate(rate * factor)
         )
 
-    groups = {
+    groups: dict[Hashable, optax.GradientTransformation] = {
         name: group(name) for name in ("feature_logits", "thresholds", "leaf_values", "log_std", "critic")
     }
     return optax.partition(groups, labels(networks))
@@ -52,8 +54,8 @@ def optimizer(
 
 def clip_by_norm(gradient: Any, max_norm: Float[Array, ""]) -> Any:
     """Scale a gradient down to ``max_norm`` if it is longer."""
-    norm = optax.global_norm(gradient)
-    scale = jax.numpy.minimum(1.0, max_norm / jax.numpy.maximum(norm, 1e-12))
+    norm = jnp.sqrt(sum(jnp.sum(jnp.square(g)) for g in jax.tree.leaves(gradient)))
+    scale = jnp.minimum(1.0, max_norm / jnp.maximum(norm, 1e-12))
     return jax.tree.map(lambda g: g * scale, gradient)
 
 
@@ -65,7 +67,8 @@ def apply_gradients(
     factor: Float[Array, ""],
 ) -> tuple[Networks, optax.OptState]:
     """One optimiser step."""
-    clipped = Networks(*(clip_by_norm(part, hyper.max_grad_norm) for part in gradient))
+    parameters: Any = networks
+    clipped: Any = Networks(*(clip_by_norm(part, hyper.max_grad_norm) for part in gradient))
     with jax.numpy_dtype_promotion("standard"):  # Optax raises floats to its integer count
-        updates, opt_state = optimizer(hyper, factor, networks).update(clipped, opt_state, networks)
+        updates, opt_state = optimizer(hyper, factor, networks).update(clipped, opt_state, parameters)
     return eqx.apply_updates(networks, updates), opt_state

@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float, Int, UInt32
 from ..policies.tree import Tree
 from .optimizer import Networks
 
-
 PATIENCE = 5
 """Validations without improvement before the learning rates are halved."""
 
@@ -37,7 +36,7 @@ class Episodes(NamedTuple):
     running_length: Int[Array, " envs"]
     sum_return: Float[Array, ""]
     sum_length: Int[Array, ""]
-    count: Int[Array, ""]
+    num_ended: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]  (nobody counts in this tuple)
 
     @staticmethod
     def zeros(num_envs: int) -> Episodes:
@@ -54,7 +53,7 @@ class Episodes(NamedTuple):
             jnp.where(done, 0, length),
             self.sum_return + jnp.sum(jnp.where(done, total, 0.0)),
             self.sum_length + jnp.sum(jnp.where(done, length, 0)),
-            self.count + jnp.sum(done, dtype=jnp.int32),
+            self.num_ended + jnp.sum(done, dtype=jnp.int32),
         )
 
     def steps(self, reward: Float[Array, "steps envs"], done: Bool[Array, "steps envs"]) -> Episodes:
@@ -63,7 +62,7 @@ class Episodes(NamedTuple):
 
     def reported(self) -> Episodes:
         """The sums start again."""
-        return self._replace(sum_return=jnp.float32(0), sum_length=jnp.int32(0), count=jnp.int32(0))
+        return self._replace(sum_return=jnp.float32(0), sum_length=jnp.int32(0), num_ended=jnp.int32(0))
 
 
 class Losses(NamedTuple):

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Int
@@ -28,12 +27,12 @@ from ..types import Transition
 from .collect import collect, empty_rollout, reset_envs
 from .collect_host import HostCollector
 from .config import Hyperparameters, PPOConfig
-from .evaluate import validate
+from .validate import validate
 from .init import init_state, normalizer_of, purpose_key, refit_normalizer
 from .ppo import learn
 from .state import Episodes, TrainState
 
-Segment = Callable[[Hyperparameters, Int[Array, ""], TrainState, Array, Int[Array, ""]], TrainState]
+Segment = Callable[[Hyperparameters, Any, TrainState, Any, Any], TrainState]
 
 
 def stops(config: PPOConfig) -> list[int]:
@@ -126,6 +125,10 @@ class Trainer(abc.ABC):
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """Train until ``stop`` timesteps and validate; None begins a new training."""
 
+    @abc.abstractmethod
+    def template(self) -> TrainState:
+        """A state of the right shapes, its values of no meaning."""
+
     def close(self) -> None:  # noqa: B027  (nothing to close inside a compiled program)
         """Let go of what the host holds."""
 
@@ -141,6 +144,10 @@ class CompiledTrainer(Trainer):
         """See `Trainer`."""
         first = np.bool_(state is None)
         return self._segment(self._hyper, self._seed, state or self._empty, first, np.int32(stop))
+
+    def template(self) -> TrainState:
+        """See `Trainer`."""
+        return self._empty
 
 
 @functools.lru_cache(maxsize=8)
@@ -197,13 +204,13 @@ class HostTrainer(Trainer):
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """See `Trainer`."""
         config = self._config
-        state = self._begin_segment(state or self._begin(self._hyper, np.uint32(self._seed)))
-        self._collector.begin(self._seed, int(state.timestep))
-        while (timestep := int(state.timestep)) < stop:
+        now: TrainState = self._begin_segment(state or self._begin(self._hyper, np.uint32(self._seed)))
+        self._collector.begin(self._seed, int(now.timestep))
+        while (timestep := int(now.timestep)) < stop:
             num_chunks = 1 << stage(timestep, config.total_timesteps, config.max_stage)
-            rollout, observation = self._collector.collect(state, num_chunks)
-            state = self.latest = self._update(self._hyper, state, rollout, observation)
-        return self._judge(state, self._collector.validate(state, self._seed))
+            rollout, observation = self._collector.collect(now, num_chunks)
+            now = self.latest = self._update(self._hyper, now, rollout, observation)
+        return self._judge(now, self._collector.validate(now, self._seed))
 
     def close(self) -> None:
         """Close the environments."""

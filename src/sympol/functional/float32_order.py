@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..trees.floats import flushed
 
 
-def to_rank(x: np.ndarray) -> np.ndarray:
+def to_rank(x: ArrayLike) -> np.ndarray:
     """Place of each float32 in their order, an int64; neighbours differ by one, −0 and +0 are one."""
     bits = np.asarray(x, np.float32).view(np.int32).astype(np.int64)
     return np.where(bits >= 0, bits, -(bits & 0x7FFFFFFF))

@@ -1,4 +1,4 @@
-"""What a policy earns: inside the compiled program for validation, on Gymnasium for everything reported."""
+"""Validation inside the compiled program; what is reported is measured on Gymnasium (`sympol.evaluate`)."""
 
 from __future__ import annotations
 
