@@ -176,7 +176,7 @@ def _read_nodes(nodes: list[Any], n_outputs: int) -> dict[str, Any]:
     left, right = np.full(n_nodes, NO_CHILD), np.full(n_nodes, NO_CHILD)
     feature, threshold = np.full(n_nodes, NO_FEATURE), np.full(n_nodes, NO_THRESHOLD)
     value, visits = np.zeros((n_nodes, n_outputs)), np.zeros(n_nodes, np.int64)
-    counted = "visits" in nodes[int(leaf.argmax())]
+    counted = any("visits" in nodes[i] for i in np.flatnonzero(leaf))
     for i in reversed(range(n_nodes)):
         where = f"nodes[{i}]"
         if leaf[i]:

@@ -33,10 +33,10 @@ def act(observation):
     if len(x) != len(FEATURES):
         raise ValueError(f"expected {{len(FEATURES)}} numbers {{FEATURES}}, got {{len(x)}}")
     return _node_0(x)
+
 '''
 
-_FOOTER = """
-
+_FOOTER = """\
 if __name__ == "__main__":
     import sys
 
@@ -57,10 +57,8 @@ def to_python(tree: DecisionTree) -> str:
     lines = [_HEADER.format(answer=answer, features=f"(\n{features})" if features else "()")]
     functions = [0]
     for root in functions:  # grows while it is written
-        lines += ["", f"def _node_{root}(x):"]
-        lines += _body(tree, root, functions)
-        lines.append("")
-    return "\n".join(lines) + _FOOTER.removeprefix("\n")
+        lines += [f"def _node_{root}(x):", *_body(tree, root, functions), "", ""]
+    return "\n".join([*lines, _FOOTER])
 
 
 def _body(tree: DecisionTree, root: int, functions: list[int]) -> list[str]:
