@@ -1,3 +1,38 @@
-"""Reinforcement learning whose policy is a decision tree you can read."""
+"""Reinforcement learning whose policy is a decision tree you can read.
+
+>>> import sympol
+>>> agent = sympol.PPO("tree", "CartPole-v1", seed=0)
+>>> agent.learn(total_timesteps=1_000_000)
+>>> print(agent.tree())
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from .agents import PPO, load
+    from .envs.registry import register, resolve
+    from .evaluate import evaluate_policy
+    from .trees import DecisionTree
+
+_HOMES = {
+    "PPO": "agents",
+    "load": "agents",
+    "register": "envs.registry",
+    "resolve": "envs.registry",
+    "evaluate_policy": "evaluate",
+    "DecisionTree": "trees",
+}
+
+__all__ = ["PPO", "DecisionTree", "evaluate_policy", "load", "register", "resolve"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: who only reads a tree does not wait for JAX."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'sympol' has no attribute {name!r}; it has {', '.join(__all__)}")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)

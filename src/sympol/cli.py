@@ -1,0 +1,46 @@
+"""``sympol``: train, eval, show, export, resume.
+
+The commands are thin: each parses its arguments, calls the verbs, and prints.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+
+USAGE = """\
+sympol: reinforcement learning whose policy is a decision tree you can read
+
+  sympol train CartPole-v1     train a tree; it is shown at the end and kept in a folder, the run
+  sympol show RUN              the tree of a run, as text
+  sympol eval RUN              play test episodes on Gymnasium
+  sympol export RUN            the tree as a program: python, json, text, svg, pdf, png
+  sympol resume RUN            go on with an interrupted training
+
+Each has --help. Environments: any Gymnasium id; CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0 and
+MountainCarContinuous-v0 train inside one compiled program.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; return the exit status: 0 good, 1 failed, 2 bad input, 130 interrupted."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(USAGE, end="")
+        return 0
+    if arguments[0] == "--version":
+        from . import __version__
+
+        print(f"sympol {__version__}")
+        return 0
+    from .commands import COMMANDS
+
+    command: Callable[[Sequence[str]], int] | None = COMMANDS.get(arguments[0])
+    if command is None:
+        print(f"error: unknown command {arguments[0]!r}; there are {', '.join(COMMANDS)}", file=sys.stderr)
+        return 2
+    return command(arguments[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

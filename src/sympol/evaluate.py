@@ -1,0 +1,148 @@
+"""What a policy earns on Gymnasium itself, on seeds that training never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import gymnasium
+import numpy as np
+
+from .envs.registry import EnvSpec, resolve
+from .trees import DecisionTree
+from .trees.actions import BoxActions
+
+TEST = 0x7E57
+"""Part of every seed used here and of none used in training or validation."""
+
+
+class Policy(Protocol):
+    """Anything with stable-baselines3's ``predict``."""
+
+    def predict(self, observation: Any, *, deterministic: bool = True) -> tuple[Any, Any]:
+        """The action for an observation, and a state that is not used."""
+        ...
+
+
+class Episodes(NamedTuple):
+    """What a number of episodes brought."""
+
+    returns: np.ndarray
+    lengths: np.ndarray
+    observations: np.ndarray
+    """The flat observations acted on, ``[steps, features]``."""
+
+
+def evaluate_policy(
+    model: Policy | DecisionTree,
+    env: str | gymnasium.Env | Callable[[], gymnasium.Env] | EnvSpec,
+    n_eval_episodes: int = 10,
+    *,
+    deterministic: bool = True,
+    seed: int = 0,
+    return_episode_rewards: bool = False,
+) -> Any:
+    """Play whole episodes and report the undiscounted return.
+
+    Args:
+        model: An agent, a `DecisionTree`, or anything with stable-baselines3's ``predict``.
+        env: What to play on: an id, a Gymnasium environment or a function that makes one.
+        n_eval_episodes: Number of episodes; each has its own seed out of ``seed``.
+        deterministic: Whether the policy does what it thinks best, or samples.
+        seed: Another seed, other episodes. No training or validation uses any of them.
+        return_episode_rewards: Return the lists of returns and lengths instead.
+
+    Returns:
+        Mean and standard deviation of the return over the episodes.
+    """
+    if n_eval_episodes < 1:
+        raise ValueError(f"n_eval_episodes must be at least 1, got {n_eval_episodes}")
+    spec = env if isinstance(env, EnvSpec) else resolve(env, backend="host")
+    if isinstance(model, DecisionTree):
+        episodes = play(model, spec, n_eval_episodes, seed=seed, deterministic=deterministic)
+    elif hasattr(model, "tree"):
+        tree = model.tree(prune=False)  # pyright: ignore[reportAttributeAccessIssue]
+        episodes = play(tree, spec, n_eval_episodes, seed=seed, deterministic=deterministic)
+    else:
+        episodes = _play_one_by_one(model, spec, n_eval_episodes, seed=seed, deterministic=deterministic)
+    if return_episode_rewards:
+        return episodes.returns.tolist(), episodes.lengths.tolist()
+    return float(episodes.returns.mean()), float(episodes.returns.std())
+
+
+def play(
+    tree: DecisionTree, spec: EnvSpec, num_episodes: int, *, seed: int, deterministic: bool = True
+) -> Episodes:
+    """Play episodes side by side, one environment each, so that the tree answers them in batches."""
+    if spec.make_host is None:
+        raise ValueError(
+            f"{spec.name} is written in JAX and has no form in Gymnasium to be evaluated on; give evaluate_policy "
+            "a Gymnasium environment"
+        )
+    if spec.has_one_copy:
+        one = [_play(tree, spec, [episode], seed, deterministic) for episode in range(num_episodes)]
+        return Episodes(*(np.concatenate(parts) for parts in zip(*one, strict=True)))
+    return _play(tree, spec, range(num_episodes), seed, deterministic)
+
+
+def _play(
+    tree: DecisionTree, spec: EnvSpec, episodes: Sequence[int], seed: int, deterministic: bool
+) -> Episodes:
+    assert spec.make_host is not None
+    rng = np.random.default_rng([seed, TEST])
+    envs = [spec.make_host() for _ in episodes]
+    observations = [
+        env.reset(seed=episode_seed(seed, i))[0] for env, i in zip(envs, episodes, strict=True)
+    ]
+    returns, lengths = np.zeros(len(envs)), np.zeros(len(envs), int)
+    running, seen = list(range(len(envs))), []
+    while running:
+        x = np.stack([spec.features.flatten(observations[i]) for i in running])
+        seen.append(x)
+        actions = tree.predict(x) if deterministic else sample_actions(tree, x, rng)
+        actions = actions.astype(spec.action_space.dtype)
+        still = []
+        for i, action in zip(running, actions, strict=True):
+            observations[i], reward, terminated, truncated, _ = envs[i].step(action)
+            returns[i] += float(reward)
+            lengths[i] += 1
+            if not (terminated or truncated):
+                still.append(i)
+        running = still
+    if not spec.has_one_copy:
+        for env in envs:
+            env.close()
+    return Episodes(returns, lengths, np.concatenate(seen))
+
+
+def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Actions drawn from the leaves' distributions, for flat observations ``[batch, features]``."""
+    values = tree.value[tree.apply(x)]
+    if isinstance(tree.actions, BoxActions):
+        noise = np.asarray(tree.actions.std or 0, np.float32) * rng.standard_normal(values.shape, np.float32)
+    else:
+        noise = rng.gumbel(size=values.shape)  # the largest of the noisy logits is a sample
+    return tree.actions.decide(values + noise)
+
+
+def _play_one_by_one(
+    model: Policy, spec: EnvSpec, num_episodes: int, *, seed: int, deterministic: bool
+) -> Episodes:
+    assert spec.make_host is not None
+    env = spec.make_host()
+    returns, lengths = np.zeros(num_episodes), np.zeros(num_episodes, int)
+    for i in range(num_episodes):
+        observation, _ = env.reset(seed=episode_seed(seed, i))
+        done = False
+        while not done:
+            action, _ = model.predict(observation, deterministic=deterministic)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            returns[i] += float(reward)
+            lengths[i] += 1
+            done = terminated or truncated
+    return Episodes(returns, lengths, np.zeros((0, len(spec.features.names)), np.float32))
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """The seed of one test episode."""
+    return int(np.random.SeedSequence([seed, TEST, episode]).generate_state(1)[0])

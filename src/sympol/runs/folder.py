@@ -1,0 +1,208 @@
+"""A run is a folder, and everything done later needs that folder and nothing else.
+
+| file | what |
+|---|---|
+| `config.toml` | environment, seed, preset, every hyperparameter, versions |
+| `metrics.csv` | a row a validation |
+| `checkpoints/` | the newest two states of the training |
+| `policy.json` | the tree (docs/tree-json.md) |
+| `policy.py`, `tree.txt`, `tree.svg` | the tree as a program, as text, as a picture |
+| `summary.json` | what it earns, how big it is, how long it took |
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import tomllib
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from .. import __version__
+from ..algos.config import ConfigError, PPOConfig
+from ..algos.state import TrainState
+from ..envs.registry import EnvSpec, UnknownEnvironment, resolve
+from ..trees import DecisionTree
+from .checkpoint import CheckpointError, load_latest, save, write_atomically
+from .metrics import MetricsFile
+
+FORMAT = 1
+
+
+class RunError(RuntimeError):
+    """A run's folder that cannot be made, read or continued; the message says what to do."""
+
+
+class Run:
+    """One run's folder; see the module for what is in it."""
+
+    def __init__(self, path: Path, about: Mapping[str, Any], config: PPOConfig) -> None:
+        self.path, self.about, self.config = path, about, config
+        self.metrics = MetricsFile(path / "metrics.csv")
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        spec: EnvSpec,
+        config: PPOConfig,
+        seed: int,
+        *,
+        preset: str = "default",
+        overwrite: bool = False,
+    ) -> Run:
+        """Make the folder and write its config.
+
+        Raises:
+            RunError: it exists and is not to be overwritten, or is not a run, or cannot be written.
+        """
+        config_file = path / "config.toml"
+        if path.exists() and not path.is_dir():
+            raise RunError(f"{path} is a file; choose another --run-dir")
+        if path.is_dir() and any(path.iterdir()):
+            if not config_file.exists():
+                raise RunError(f"{path} exists and is not a sympol run; choose another --run-dir")
+            if not overwrite:
+                raise RunError(
+                    f"{path} already holds a run; continue it with `sympol resume {path}`, replace it with "
+                    "--overwrite, or choose another --run-dir"
+                )
+        backend = "jax" if spec.env is not None else "host"
+        about = {
+            "format": FORMAT,
+            "sympol": __version__,
+            "algorithm": "ppo",
+            "policy": "tree",
+            "env": spec.name,
+            "backend": backend,
+            "seed": seed,
+            "preset": preset,
+            "feature_names": list(spec.features.names),
+            "action_names": list(spec.actions.names),
+        }
+        content = {"run": about, "config": config.to_dict(), "versions": versions()}
+        try:
+            if path.is_dir():
+                shutil.rmtree(path)
+            path.mkdir(parents=True)
+            write_atomically(config_file, tomli_w.dumps(content).encode())
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {error.strerror}; choose another --run-dir") from error
+        return cls(path, about, config)
+
+    @classmethod
+    def open(cls, path: Path) -> Run:
+        """Read a run's config.
+
+        Raises:
+            RunError: there is no run, or it has another format.
+        """
+        try:
+            content = tomllib.loads((path / "config.toml").read_text(encoding="utf-8"))
+            about, config = content["run"], content["config"]
+        except FileNotFoundError as error:
+            raise RunError(f"there is no run in {path}: it has no config.toml") from error
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError) as error:
+            raise RunError(f"{path / 'config.toml'} cannot be read: {error}") from error
+        if about.get("format") != FORMAT:
+            raise RunError(
+                f"{path} was made by sympol {about.get('sympol', '?')} in format {about.get('format')}; this is "
+                f"sympol {__version__}, which reads format {FORMAT}: install the version that made it"
+            )
+        try:
+            return cls(path, about, PPOConfig.from_dict(config))
+        except ConfigError as error:
+            raise RunError(f"{path / 'config.toml'}: {error}") from error
+
+    @property
+    def seed(self) -> int:
+        """The training's seed."""
+        return int(self.about["seed"])
+
+    def resolve_env(self, env: Any = None) -> EnvSpec:
+        """The environment the run was made on, or ``env`` in its place, under the names of the run.
+
+        Raises:
+            RunError: the environment has no id that is known here.
+        """
+        try:
+            return resolve(
+                self.about["env"] if env is None else env,
+                feature_names=self.about["feature_names"],
+                action_names=self.about["action_names"],
+                backend=self.about["backend"] if env is None else "auto",
+            )
+        except UnknownEnvironment as error:
+            raise RunError(
+                f"{self.path} was trained on {self.about['env']!r}, which is not known here; register it with "
+                "sympol.register, or give the environment itself: sympol.load(path, env=...)"
+            ) from error
+
+    def save_checkpoint(self, state: TrainState) -> None:
+        """Write the state of the training."""
+        save(self.path / "checkpoints", state, int(state.timestep))
+
+    def load_checkpoint(self, template: TrainState) -> TrainState:
+        """The newest whole state; rows of metrics beyond it are dropped.
+
+        Raises:
+            RunError: made by another version of sympol, or no whole checkpoint.
+        """
+        if self.about["sympol"] != __version__:
+            raise RunError(
+                f"{self.path} was made by sympol {self.about['sympol']}, this is {__version__}: its checkpoints "
+                "continue only in the version that made them; policy.json can still be read"
+            )
+        try:
+            state, timestep = load_latest(self.path / "checkpoints", template)
+        except CheckpointError as error:
+            raise RunError(f"{error}; a run is saved after its first validation") from error
+        self.metrics.forget_after(timestep)
+        return state
+
+    def save_tree(self, tree: DecisionTree) -> None:
+        """Write the tree in every form."""
+        self._write("policy.json", tree.to_json())
+        self._write("policy.py", tree.to_python())
+        self._write("tree.txt", tree.to_text() + "\n")
+        temporary = self.path / ".tree.tmp.svg"
+        tree.plot(temporary)
+        os.replace(temporary, self.path / "tree.svg")
+
+    def load_tree(self) -> DecisionTree:
+        """The tree.
+
+        Raises:
+            RunError: there is none yet, or it is damaged.
+        """
+        file = self.path / "policy.json"
+        try:
+            return DecisionTree.from_json(file.read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise RunError(f"{self.path} has no policy.json yet; finish it: sympol resume {self.path}") from error
+        except (OSError, ValueError) as error:
+            raise RunError(f"{file} cannot be read: {error}") from error
+
+    def save_summary(self, summary: Mapping[str, Any]) -> None:
+        """Write what came of it."""
+        self._write("summary.json", json.dumps(summary, indent=2) + "\n")
+
+    def _write(self, name: str, text: str) -> None:
+        write_atomically(self.path / name, text.encode())
+
+
+def versions() -> dict[str, str]:
+    """Of everything that a result may depend on."""
+    found = {"python": platform.python_version(), "sympol": __version__}
+    for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # pragma: no cover
+            found[package] = "?"
+    return found

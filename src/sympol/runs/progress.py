@@ -1,0 +1,48 @@
+"""A progress bar with time left, on the terminal's error stream."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+
+class ProgressBar:
+    """Steps done and left, the deterministic tree's validation return, speed."""
+
+    def __init__(self, total: int, done: int = 0, *, show: bool = True) -> None:
+        self._progress = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[note]}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            disable=not show,
+        )
+        self._total = total
+        note = "compiling (the first time takes a few seconds)"
+        self._task = self._progress.add_task("training", total=total, completed=done, note=note)
+
+    def update(self, metrics: Mapping[str, float]) -> None:
+        """Show the newest numbers."""
+        self._progress.update(
+            self._task,
+            completed=min(int(metrics["time/total_timesteps"]), self._total),
+            note=f"return {metrics['eval/mean_reward']:,.1f} · {metrics['time/fps']:,.0f} steps/s",
+        )
+
+    def __enter__(self) -> Self:
+        """Start drawing."""
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop drawing; the bar stays."""
+        self._progress.stop()
