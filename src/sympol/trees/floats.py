@@ -27,6 +27,17 @@ def flushed(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
     return rounded
 
 
+def observation_batch(X: ArrayLike, n_features: int) -> tuple[Float32[np.ndarray, "batch features"], bool]:
+    """Check observations [features] or [batch, features]; return a flushed batch, and whether it was only one."""
+    raw = np.asarray(X)
+    if raw.dtype.kind not in "fiub":
+        raise TypeError(f"an observation holds real numbers, got an array of {raw.dtype}")
+    if raw.ndim not in (1, 2) or raw.shape[-1] != n_features:
+        expected = f"[{n_features}] or [batch, {n_features}]"
+        raise ValueError(f"expected observations of shape {expected}, got {list(raw.shape)}")
+    return flushed(np.atleast_2d(raw)), raw.ndim == 1
+
+
 def unflushed_threshold(threshold: float) -> float:
     """Return the t for which ``x <= t`` on the raw float32 x says what ``flushed(x) <= threshold`` says.
 

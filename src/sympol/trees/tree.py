@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from .actions import ActionSpec
-from .floats import flushed
+from .floats import flushed, observation_batch
 from .preorder import NO_CHILD, check, complete_to_preorder
 
 if TYPE_CHECKING:
@@ -126,10 +127,12 @@ class DecisionTree:
         """Numbers in an observation."""
         return len(self.feature_names)
 
-    @property
+    @cached_property
     def is_leaf(self) -> Bool[np.ndarray, " nodes"]:
         """Whether each node is a leaf."""
-        return self.children_left == NO_CHILD
+        leaf = self.children_left == NO_CHILD
+        leaf.setflags(write=False)
+        return leaf
 
     @property
     def node_depth(self) -> Int[np.ndarray, " nodes"]:
@@ -144,9 +147,11 @@ class DecisionTree:
         """Most comparisons before an answer."""
         return int(self.node_depth.max())
 
-    def apply(self, X: ArrayLike) -> Int32[np.ndarray, "*batch"]:
+    def apply(self, X: ArrayLike) -> Int32[np.ndarray, "*batch"] | np.int32:
         """Return the leaf of one observation [features], or of each of many [batch, features]."""
-        x, single = self._observations(X)
+        x, single = observation_batch(X, self.n_features)
+        if single:
+            return np.int32(self._leaf_of(x[0].tolist()))
         node = np.zeros(len(x), dtype=np.int32)
         rows = np.arange(len(x) if self.n_nodes > 1 else 0)
         while rows.size:
@@ -154,7 +159,7 @@ class DecisionTree:
             left = x[rows, self.feature[at]] <= self.threshold[at]
             node[rows] = np.where(left, self.children_left[at], self.children_right[at])
             rows = rows[self.children_left[node[rows]] != NO_CHILD]
-        return node[0] if single else node
+        return node
 
     def predict(self, X: ArrayLike) -> np.ndarray:
         """Return the deterministic action of one observation [features], or of many [batch, features].
@@ -213,11 +218,13 @@ class DecisionTree:
 
         return rules(self, digits=digits)
 
-    def plot(self, path: str | PathLike[str] | None = None, *, ax: Axes | None = None) -> Figure:
+    def plot(
+        self, path: str | PathLike[str] | None = None, *, ax: Axes | None = None, digits: int = 4
+    ) -> Figure:
         """Draw the tree, and save it as SVG, PDF or PNG: see `sympol.trees.plot`."""
         from .plot import plot
 
-        return plot(self, path, ax=ax)
+        return plot(self, path, ax=ax, digits=digits)
 
     def to_json(self) -> str:
         """Write the tree as strict JSON: see `sympol.trees.serialize`."""
@@ -256,23 +263,9 @@ class DecisionTree:
         )
 
     def _content(self) -> tuple[object, ...]:
-        names = (
-            "children_left",
-            "children_right",
-            "feature",
-            "threshold",
-            "value",
-            "feature_low",
-            "feature_high",
-        )
-        visits = self.n_node_samples
-        return (
-            *(getattr(self, name).tobytes() for name in names),
-            None if visits is None else visits.tobytes(),
-            self.actions,
-            self.feature_names,
-            json.dumps(self.meta, sort_keys=True),
-        )
+        values = [getattr(self, field.name) for field in fields(self) if field.name != "meta"]
+        plain = (value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
+        return (*plain, json.dumps(self.meta, sort_keys=True))
 
     def __eq__(self, other: object) -> bool:
         """Whether two trees hold the same, bit for bit."""
@@ -284,12 +277,16 @@ class DecisionTree:
         """Agree with ``==``."""
         return hash(self._content())
 
-    def _observations(self, X: ArrayLike) -> tuple[Float32[np.ndarray, "batch features"], bool]:
-        """Check observations; return them as a batch, and whether there was only one."""
-        raw = np.asarray(X)
-        if raw.dtype.kind not in "fiub":
-            raise TypeError(f"an observation holds real numbers, got an array of {raw.dtype}")
-        if raw.ndim not in (1, 2) or raw.shape[-1] != self.n_features:
-            shapes = f"[{self.n_features}] or [batch, {self.n_features}]"
-            raise ValueError(f"expected observations of shape {shapes}, got {raw.shape}")
-        return flushed(np.atleast_2d(raw)), raw.ndim == 1
+    @cached_property
+    def _lists(self) -> tuple[list[int], list[int], list[int], list[float]]:
+        links = self.children_left.tolist(), self.children_right.tolist()
+        return *links, self.feature.tolist(), self.threshold.tolist()
+
+    def _leaf_of(self, x: list[float]) -> int:
+        """Descend with one observation; NumPy would take longer over each step than Python over them all."""
+        children_left, children_right, feature, threshold = self._lists
+        node = 0
+        while children_left[node] != NO_CHILD:
+            left = x[feature[node]] <= threshold[node]
+            node = children_left[node] if left else children_right[node]
+        return node
