@@ -89,6 +89,8 @@ class PPO:
         self.config = _config(self.spec, preset, config)
         self.state: TrainState | None = None
         """Everything trained so far; None before `learn`."""
+        self.compile_seconds = 0.0
+        """What the last `learn` spent compiling."""
 
     @property
     def num_timesteps(self) -> int:
@@ -125,6 +127,7 @@ class PPO:
         trainer = make_trainer(self.spec, self.config, self.seed)
         try:
             with ProgressBar(self.config.total_timesteps, self.num_timesteps, show=progress_bar) as bar:
+                self.compile_seconds = trainer.compile()
                 self._learn(trainer, callbacks, bar)
         except BaseException:
             self.state = trainer.latest or self.state

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Self
 
 import jax
 
@@ -20,25 +19,3 @@ def use_disk_cache() -> None:
     if folder:
         jax.config.update("jax_compilation_cache_dir", folder)
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
-
-
-class CompileClock:
-    """Counts compilations and the seconds they took, tracing and lowering included, while it is entered."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-        self.count = 0
-
-    def __enter__(self) -> Self:
-        """Start counting."""
-        jax.monitoring.register_event_duration_secs_listener(self._listen)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Stop counting."""
-        jax.monitoring.unregister_event_duration_listener(self._listen)
-
-    def _listen(self, event: str, seconds: float, **_: object) -> None:
-        if event.startswith("/jax/core/compile/"):
-            self.seconds += seconds
-            self.count += event.endswith("backend_compile_duration")

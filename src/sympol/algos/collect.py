@@ -21,12 +21,12 @@ def reset_envs(env: Env, key: PRNGKeyArray, num_envs: int) -> tuple[Any, Array]:
     return jax.vmap(env.reset)(jax.random.split(key, num_envs))
 
 
-def empty_rollout(env: Env, distribution: Distribution, config: PPOConfig) -> Transition:
+def empty_rollout(num_features: int, distribution: Distribution, config: PPOConfig) -> Transition:
     """A buffer for the longest rollout, ``[max_chunks, chunk_steps, num_envs, …]``."""
     outputs = jax.ShapeDtypeStruct((distribution.num_outputs,), jnp.float32)
     action = jax.eval_shape(distribution.mode, outputs)
     axes = (1 << config.max_stage, config.chunk_steps, config.num_envs)
-    features = jnp.zeros((*axes, *env.observation_space.shape))
+    features = jnp.zeros((*axes, num_features))
     return Transition(
         observation=features,
         action=jnp.zeros((*axes, *action.shape), action.dtype),

@@ -58,6 +58,10 @@ class PPOConfig:
     surrogate: Literal["sigmoid", "softsign"] = "sigmoid"
     """What the hard step becomes going backward: the logistic function (the paper) or softsign."""
 
+    temperature: float = 1.0
+    """Going backward the step is S(z / temperature): the lower, the narrower the strip around a threshold whose
+    observations move it."""
+
     critic: Literal["mlp", "tree"] = "mlp"
     """The value function: an MLP, or a tree of the actor's architecture (an ablation of the paper)."""
 
@@ -248,6 +252,7 @@ _RANGES: tuple[tuple[str, float, float], ...] = (
     ("vf_coef", 0, 100),
     ("log_std_init", -10, 3),
     ("reward_scale", 1e-9, 1e9),
+    ("temperature", 2**-10, 2**10),
 )
 
 

@@ -80,6 +80,7 @@ def init_networks(
         "depth": config.depth,
         "num_features": num_features,
         "surrogate": config.surrogate,
+        "temperature": config.temperature,
     }
     actor = Tree.create(
         actor_key,

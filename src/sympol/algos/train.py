@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import abc
 import functools
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -71,7 +72,7 @@ def make_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
     ) -> TrainState:
         state = jax.lax.cond(first, lambda: begin(hyper, seed), lambda: state)
         state = state._replace(episodes=state.episodes.reported())
-        rollout = empty_rollout(env, distribution, config)
+        rollout = empty_rollout(env.observation_space.shape[0], distribution, config)
         state, _ = jax.lax.while_loop(
             lambda carry: carry[0].timestep < stop, lambda carry: iteration(hyper, *carry), (state, rollout)
         )
@@ -122,6 +123,10 @@ class Trainer(abc.ABC):
     """The last complete update inside a segment that failed, where the host has seen one."""
 
     @abc.abstractmethod
+    def compile(self) -> float:
+        """Compile, unless this process has done so before; the seconds it took."""
+
+    @abc.abstractmethod
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """Train until ``stop`` timesteps and validate; None begins a new training."""
 
@@ -137,23 +142,48 @@ class CompiledTrainer(Trainer):
     """Of a pure-JAX environment: a segment is one call."""
 
     def __init__(self, env: Env, config: PPOConfig, seed: int) -> None:
-        self._segment, self._empty = _compiled_segment(env, config.static())
+        self._program = _program(env, config.static())
         self._hyper, self._seed = config.hyperparameters(), np.uint32(seed)
+
+    def compile(self) -> float:
+        """See `Trainer`."""
+        return self._program.compile(*self._arguments(None, 0))
 
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """See `Trainer`."""
-        first = np.bool_(state is None)
-        return self._segment(self._hyper, self._seed, state or self._empty, first, np.int32(stop))
+        return self._program(*self._arguments(state, stop))
 
     def template(self) -> TrainState:
         """See `Trainer`."""
-        return self._empty
+        return self._program.template
+
+    def _arguments(self, state: TrainState | None, stop: int) -> tuple[Any, ...]:
+        state, first = (self._program.template, True) if state is None else (state, False)
+        return self._hyper, self._seed, state, np.bool_(first), np.int32(stop)
+
+
+class _Compiled:
+    """A function compiled once, ahead of its first call, for the shapes of one set of arguments."""
+
+    def __init__(self, function: Callable[..., TrainState], template: TrainState) -> None:
+        self._function, self._executable = jax.jit(function), None
+        self.template = template
+
+    def compile(self, *arguments: Any) -> float:
+        if self._executable is not None:
+            return 0.0
+        began = time.perf_counter()
+        self._executable = self._function.lower(*arguments).compile()
+        return time.perf_counter() - began
+
+    def __call__(self, *arguments: Any) -> TrainState:
+        self.compile(*arguments)
+        return self._executable(*arguments)  # pyright: ignore[reportOptionalCall]
 
 
 @functools.lru_cache(maxsize=8)
-def _compiled_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
-    segment, empty = make_segment(env, config)
-    return jax.jit(segment), empty
+def _program(env: Env, config: PPOConfig) -> _Compiled:
+    return _Compiled(*make_segment(env, config))
 
 
 class HostTrainer(Trainer):
@@ -165,7 +195,7 @@ class HostTrainer(Trainer):
 
     def __init__(self, spec: EnvSpec, config: PPOConfig, seed: int) -> None:
         self._config, self._seed, self._hyper = config, seed, config.hyperparameters()
-        distribution = distribution_of(spec.action_space)
+        distribution = self._distribution = distribution_of(spec.action_space)
         normalizer, bounded = normalizer_of(spec.features, config)
         self._collector = HostCollector(spec, distribution, config)
 
@@ -173,7 +203,6 @@ class HostTrainer(Trainer):
         def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
             return init_state(config, distribution, normalizer, hyper, seed)
 
-        @jax.jit
         def update(
             hyper: Hyperparameters, state: TrainState, rollout: Transition, observation: Array
         ) -> TrainState:
@@ -199,7 +228,20 @@ class HostTrainer(Trainer):
         def judge(state: TrainState, score: Array) -> TrainState:
             return with_score(config, state, score)
 
-        self._begin, self._begin_segment, self._update, self._judge = begin, begin_segment, update, judge
+        self._begin, self._begin_segment, self._judge = begin, begin_segment, judge
+        self._template = jax.eval_shape(begin, self._hyper, np.uint32(seed))
+        self._update = _Compiled(update, self._template)
+
+    def compile(self) -> float:
+        """See `Trainer`: of the update, which is nearly all there is to compile."""
+        features = self._template.normalizer.shift.shape[0]
+        rollout = jax.eval_shape(lambda: empty_rollout(features, self._distribution, self._config))
+        observation = jax.ShapeDtypeStruct((self._config.num_envs, features), np.float32)
+        return self._update.compile(self._hyper, self._template, rollout, observation)
+
+    def template(self) -> TrainState:
+        """See `Trainer`."""
+        return self._template
 
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """See `Trainer`."""

@@ -37,6 +37,7 @@ class Tree(eqx.Module):
     leaf_values: Float[Array, "leaves outputs"]
     log_std: Float[Array, " num_std"]
     surrogate: Surrogate = eqx.field(static=True)
+    temperature: float = eqx.field(static=True)
 
     @staticmethod
     def create(
@@ -48,6 +49,7 @@ class Tree(eqx.Module):
         num_std: int = 0,
         log_std: Float[Array, ""] | float = 0.0,
         surrogate: Surrogate = "sigmoid",
+        temperature: float = 1.0,
     ) -> Tree:
         """Random splits over observations of about unit scale; leaves near zero, so near indifference."""
         logits_key, thresholds_key, leaves_key = jax.random.split(key, 3)
@@ -58,11 +60,18 @@ class Tree(eqx.Module):
             leaf_values=0.01 * jax.random.normal(leaves_key, (nodes + 1, num_outputs)),
             log_std=jnp.full((num_std,), log_std),
             surrogate=surrogate,
+            temperature=temperature,
         )
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
         """The outputs of the leaf of each observation, differentiable straight through."""
-        return hard_tree(self.feature_logits, self.thresholds, self.leaf_values, x, surrogate=self.surrogate)
+        return hard_tree(
+            self.feature_logits,
+            self.thresholds / self.temperature,
+            self.leaf_values,
+            x / self.temperature,
+            surrogate=self.surrogate,
+        )
 
     def rollout(self) -> RolloutTree:
         """The tree as it acts."""
