@@ -94,8 +94,7 @@ def plot(
         layout, labels = _arrange(tree, digits)
         if ax is None:
             ax = Figure(figsize=tuple(layout.extent)).add_axes((0, 0, 1, 1))
-        figure = ax.get_figure(root=True)
-        assert figure is not None
+        figure = ax.figure.canvas.figure  # the whole one, also where ax is on a part of it
         _draw(tree, layout, labels, ax)
         if path is not None:
             dpi = min(200.0, 20_000 / max(figure.get_size_inches()))
@@ -193,9 +192,7 @@ def _draw(tree: DecisionTree, layout: _Layout, labels: list[_Label], ax: Axes) -
     extent = layout.extent
     ax.set_axis_off()
     ax.set(xlim=(0, extent[0]), ylim=(extent[1], 0), aspect="equal")
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    available = np.array(ax.get_window_extent().size) / figure.dpi
+    available = np.array(ax.get_window_extent().size) / ax.figure.dpi
     scale = float(np.min(available / extent))
     for node in np.flatnonzero(~tree.is_leaf):
         _draw_edge(tree, layout, ax, scale, int(node), int(tree.children_left[node]), "yes")
@@ -236,26 +233,25 @@ def _draw_edge(
 def _draw_box(centre: np.ndarray, size: np.ndarray, label: _Label, ax: Axes, scale: float) -> None:
     from matplotlib.patches import FancyBboxPatch, Rectangle
 
-    corner = centre - size / 2
-    outline = FancyBboxPatch(
-        tuple(corner),
-        *size,
-        boxstyle="round,pad=0,rounding_size=0.06",
-        facecolor="none",
-        edgecolor=_LINE,
-        linewidth=0.8 * scale,
-        zorder=4,
-    )
-    ax.add_patch(outline)
+    (x, y), (width, height) = centre - size / 2, size
+
+    def rounded(top: float, **look: Any) -> FancyBboxPatch:
+        return FancyBboxPatch(
+            (x, y + top), width, height - top, boxstyle="round,pad=0,rounding_size=0.06", **look
+        )
+
+    ax.add_patch(rounded(0, facecolor="none", edgecolor=_LINE, linewidth=0.8 * scale, zorder=4))
     for row, (words, colour) in enumerate(zip(label.rows, label.colours, strict=True)):
         # each row paints down to the bottom, and the next one over it
         top = _PAD / 2 + row * _ROW if row else 0
-        fill = Rectangle((corner[0], corner[1] + top), size[0], size[1] - top, facecolor=colour, zorder=3)
-        ax.add_patch(fill)
-        fill.set_clip_path(outline)
+        ax.add_patch(rounded(top, facecolor=colour, edgecolor="none", zorder=3))
+        if row:
+            ax.add_patch(
+                Rectangle((x, y + top), width, _ROW / 2, facecolor=colour, edgecolor="none", zorder=3)
+            )
         ax.text(
             centre[0],
-            corner[1] + _PAD / 2 + (row + 0.5) * _ROW,
+            y + _PAD / 2 + (row + 0.5) * _ROW,
             words,
             size=_FONT_SIZE * scale,
             color=_readable_on(colour),
