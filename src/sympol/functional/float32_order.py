@@ -39,11 +39,20 @@ def largest_below(function: Callable[[np.ndarray], np.ndarray], threshold: np.nd
     return flushed(from_rank(low))
 
 
+UNDERFLOW = float(np.finfo(np.float32).smallest_normal) * (1 - 2**-25)
+"""A product below this is zero to a CPU that flushes denormals: it rounds to 24 bits first, and then looks."""
+
+
 def unscale_thresholds(threshold: np.ndarray, shift: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Raw thresholds that split as ``(x − shift) · scale <= threshold`` does in float32, for every x."""
+    """Raw thresholds that split as ``(x − shift) · scale <= threshold`` does in float32, for every x.
+
+    What is subnormal counts as zero: parameters, observations and every result on the way.
+    """
+    shift, scale = flushed(shift), flushed(scale)
 
     def scaled(x: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore"):
-            return flushed(flushed(flushed(x) - shift) * scale)
+            product = flushed(flushed(x) - shift).astype(np.float64) * scale  # 48 bits: exact
+            return np.where(np.abs(product) < UNDERFLOW, 0, product).astype(np.float32)
 
     return largest_below(scaled, flushed(threshold))

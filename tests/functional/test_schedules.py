@@ -1,0 +1,116 @@
+"""Growth in eight equal stages, minibatches that divide, and a permutation that never sorts the whole."""
+
+from __future__ import annotations
+
+import functools
+from fractions import Fraction
+from math import ceil
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sympol.algos.config import MAX_TIMESTEPS
+from sympol.functional.schedules import NUM_STAGES, Shuffle, num_minibatches, stage
+
+traced_stage = jax.jit(stage, static_argnums=(1, 2))
+
+
+def exact_stage(t: int, total: int) -> int:
+    return ceil(Fraction(8 * (t + 1), total + 1)) - 1
+
+
+def interesting_steps(total: int) -> list[int]:
+    near = {total * eighth // 8 + offset for eighth in range(9) for offset in range(-3, 4)}
+    rng = np.random.default_rng(total)
+    return sorted({t for t in near if 0 <= t < total} | set(rng.integers(total, size=20).tolist()))
+
+
+@pytest.mark.parametrize(
+    "total", [1, 2, 7, 8, 9, 64, 1000, 4096, 99_999, 1_000_000, 2**24 + 1, MAX_TIMESTEPS]
+)
+def test_stage_is_exact_in_python_and_traced(total):
+    steps = interesting_steps(total)
+    expected = [exact_stage(t, total) for t in steps]
+    assert [stage(t, total, 7) for t in steps] == expected
+    assert [int(traced_stage(np.int32(t), total, 7)) for t in steps] == expected
+    assert traced_stage(np.int32(0), total, 7).dtype == jnp.int32
+
+
+def test_stages_are_eight_equal_parts_of_the_training():
+    total = 8000
+    stages = np.array([stage(t, total, 7) for t in range(total)])
+    assert (np.diff(stages) >= 0).all()
+    counts = np.bincount(stages)
+    assert len(counts) == NUM_STAGES
+    assert abs(counts - total / 8).max() <= 1
+
+
+@pytest.mark.parametrize("most", range(8))
+def test_growth_is_capped(most):
+    for t in interesting_steps(1000):
+        assert stage(t, 1000, most) == min(exact_stage(t, 1000), most)
+        assert int(traced_stage(np.int32(t), 1000, most)) == min(exact_stage(t, 1000), most)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 16, 48, 60, 64, 100, 512])
+@pytest.mark.parametrize("least", [1, 5, 16, 64, 1000])
+def test_minibatches_divide_the_chunk_and_are_large_enough(chunk, least):
+    n = num_minibatches(chunk, least)
+    assert chunk % n == 0
+    assert n == 1 or chunk // n >= least
+    larger = [m for m in range(n + 1, chunk + 1) if chunk % m == 0 and chunk // m >= least]
+    assert not larger
+
+
+@functools.partial(jax.jit, static_argnums=(1, 2))
+def all_rows(seed, chunk_size, max_stage, stage):
+    shuffle = Shuffle.create(jax.random.key(seed), chunk_size, 1 << max_stage)
+    return shuffle(jnp.arange(chunk_size << max_stage, dtype=jnp.int32), stage)
+
+
+def rows_of(seed: int, chunk_size: int, stage: int, max_stage: int = 7) -> np.ndarray:
+    """Where the samples of a rollout of ``2^stage`` chunks lie."""
+    return np.asarray(all_rows(np.uint32(seed), chunk_size, max_stage, np.int32(stage)))[
+        : chunk_size << stage
+    ]
+
+
+@pytest.mark.parametrize("chunk_size", [1, 2, 7, 16, 48, 60, 128])
+def test_shuffle_is_a_bijection_at_every_stage(chunk_size):
+    for seed in range(3):
+        for k in range(8):
+            rows = rows_of(seed, chunk_size, k)
+            np.testing.assert_array_equal(np.sort(rows), np.arange(chunk_size << k))
+
+
+@pytest.mark.parametrize("chunk_size", [48, 64])
+@pytest.mark.parametrize("k", [1, 3, 5])
+def test_every_minibatch_draws_evenly_from_all_chunks(chunk_size, k):
+    """A minibatch of 2^k·m neighbours visits every chunk m times, and its places are all over the chunk."""
+    for seed in range(3):
+        rows = rows_of(seed, chunk_size, k)
+        for batch in rows.reshape(-1, (1 << k) * 8):
+            chunk, place = batch // chunk_size, batch % chunk_size
+            # for one j all chunks are visited through places that may differ: even up to the jumps
+            assert len(np.unique(chunk)) > (1 << k) / 2
+            assert np.bincount(chunk, minlength=1 << k).max() <= 8 * 4
+            assert place.max() - place.min() > chunk_size / 3
+
+
+def test_two_epochs_and_two_seeds_differ():
+    rows = [rows_of(seed, 64, 2, max_stage=3) for seed in range(4)]
+    for i in range(4):
+        assert np.mean(rows[i] == np.arange(256)) < 0.05
+        for j in range(i):
+            assert np.mean(rows[i] == rows[j]) < 0.05
+
+
+def test_partners_change_between_epochs():
+    """Samples that share a minibatch in one epoch mostly do not in the next: no frozen groups."""
+    groups = [
+        {frozenset(pair) for batch in rows.reshape(-1, 8) for pair in zip(batch, batch[1:], strict=False)}
+        for rows in (rows_of(seed, 64, 3, max_stage=3) for seed in (0, 1))
+    ]
+    assert len(groups[0] & groups[1]) < 0.1 * len(groups[0])
