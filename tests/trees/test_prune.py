@@ -72,6 +72,8 @@ def test_bounds_are_inclusive():
     assert inner_nodes(1.0, 2.0) == 1
     assert inner_nodes(np.nextafter(np.float32(1), np.float32(2)), 2.0) == 0
     assert inner_nodes(-np.inf, np.inf) == 1
+    largest = np.finfo(np.float32).max
+    assert inner_nodes(-largest, largest) == 1
 
 
 def test_equal_subtrees_become_one():

@@ -20,6 +20,7 @@ After one pass of each step nothing is left for another.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -102,10 +103,11 @@ def _work(tree: DecisionTree) -> list[_Node]:
 
 def _undecided(tree: DecisionTree, *, bounds: bool) -> list[_Node]:
     """Return the nodes in preorder without the splits that the way to them, or the bounds, decide."""
-    low = tree.feature_low if bounds else np.full(tree.n_features, -np.inf, np.float32)
-    high = tree.feature_high if bounds else np.full(tree.n_features, np.inf, np.float32)
     # x is known to be NaN or greater than `above`, and, unless that is infinite, at most `most`
-    space = dict(enumerate(zip(np.nextafter(low, np.float32(-np.inf)).tolist(), high.tolist(), strict=True)))
+    space = [(-math.inf, math.inf)] * tree.n_features
+    if bounds:
+        ends = zip(tree.feature_low.tolist(), tree.feature_high.tolist(), strict=True)
+        space = [(math.nextafter(low, -math.inf), high) for low, high in ends]
     work, kept = _work(tree), []
     awaited: list[tuple[int, dict[int, tuple[float, float]]]] = [(0, {})]
     while awaited:
