@@ -36,7 +36,7 @@ class Episodes(NamedTuple):
     running_length: Int[Array, " envs"]
     sum_return: Float[Array, ""]
     sum_length: Int[Array, ""]
-    num_ended: Int[Array, ""]  # pyright: ignore[reportIncompatibleMethodOverride]  (nobody counts in this tuple)
+    num_ended: Int[Array, ""]
 
     @staticmethod
     def zeros(num_envs: int) -> Episodes:
@@ -109,7 +109,7 @@ class Validation(NamedTuple):
         plateau = (num_bad >= PATIENCE) & reduce_lr
         return Validation(
             last_return=score,
-            best_return=jnp.maximum(score, self.best_return),
+            best_return=jnp.where(keep, score, self.best_return),  # of a NaN, the one before
             best_timestep=jnp.where(keep, timestep, self.best_timestep),
             best_actor=tree_where(keep, actor, self.best_actor),
             num_bad=jnp.where(plateau, 0, num_bad),

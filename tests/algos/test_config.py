@@ -1,0 +1,150 @@
+"""Every bad value is refused where it enters, by name, with the rule."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+
+import numpy as np
+import pytest
+
+from sympol.algos.config import _RANGES, ConfigError, Hyperparameters, PPOConfig
+
+FIELDS = {field.name: field.default for field in dataclasses.fields(PPOConfig)}
+NUMBERS = {name for name, default in FIELDS.items() if type(default) in (int, float)}
+RULES = {name: (low, high) for name, low, high in _RANGES}
+
+
+def refused(name: str, value: object) -> str:
+    with pytest.raises(ConfigError) as error:
+        PPOConfig(**{name: value})
+    message = str(error.value)
+    assert name in message
+    return message
+
+
+def test_every_number_has_a_rule():
+    assert set(RULES) == NUMBERS
+    assert set(Hyperparameters._fields) <= NUMBERS
+
+
+@pytest.mark.parametrize("name", sorted(NUMBERS))
+def test_numbers_out_of_range_are_refused(name):
+    low, high = RULES[name]
+    whole = isinstance(FIELDS[name], int)
+    bad = [low - 1, *([high + 1] if high < math.inf else [])]
+    bad += [10**400] if high < math.inf else []
+    bad += [] if whole else [-math.inf, *([math.inf] if high < math.inf else [])]
+    for value in bad:
+        message = refused(name, value)
+        assert str(low) in message
+        assert str(high) in message
+        assert str(value) in message
+
+
+@pytest.mark.parametrize("name", sorted(FIELDS))
+def test_nan_and_wrong_types_are_refused(name):
+    wrong: list[object] = [None, math.nan, [1], "three", b"3", {}, np.float32(1), 1j]
+    if not isinstance(FIELDS[name], bool):
+        wrong.append(True)
+    if not isinstance(FIELDS[name], float):
+        wrong.append(0.5)
+    for value in wrong:
+        message = refused(name, value)
+        assert repr(value) in message
+        assert "must be" in message
+
+
+@pytest.mark.parametrize("name", sorted(NUMBERS))
+def test_the_ends_of_every_range_are_allowed(name):
+    for value in RULES[name]:
+        others = {"total_timesteps": 2**29} if name in ("num_envs", "num_steps") else {}
+        if name == "total_timesteps" and value == 1:
+            continue  # shorter than one rollout
+        kind = type(FIELDS[name])
+        if name in ("num_envs", "num_steps") and value > 1:
+            others |= {"num_envs" if name == "num_steps" else "num_steps": 16}
+        assert getattr(PPOConfig(**{name: kind(value), **others}), name) == value
+
+
+def test_words_and_shapes():
+    assert "softsign" in refused("surrogate", "tanh")
+    assert "mlp, tree" in refused("critic", "forest")
+    assert "(64, 0)" in refused("critic_hidden", (64, 0))
+    assert "(64, 8.5)" in refused("critic_hidden", (64, 8.5))
+    assert "(True,)" in refused("critic_hidden", (True,))
+    assert PPOConfig(critic_hidden=()).critic_hidden == ()
+
+
+def test_a_tree_too_deep_says_how_large_it_would_be():
+    message = refused("depth", 40)
+    assert "between 1 and 14, got 40" in message
+    assert "2^40 leaves" in message
+
+
+def test_fewer_steps_than_a_rollout():
+    config = PPOConfig(total_timesteps=16 * 32, num_envs=32, num_steps=128)
+    assert config.chunk_size == 512
+    message = refused("total_timesteps", 511)
+    assert "511" in message
+    assert "512" in message
+    assert "num_envs" in message
+    with pytest.raises(ConfigError, match="4096"):
+        PPOConfig(total_timesteps=4095, dynamic_rollout=False)
+
+
+def test_unknown_fields_name_their_neighbours():
+    with pytest.raises(ConfigError, match=r"'learning_rate_leafs'.*did you mean.*learning_rate_leaf_values"):
+        PPOConfig.from_dict({"learning_rate_leafs": 0.1})
+    with pytest.raises(ConfigError, match=re.escape("unknown config field 'zzzz'") + "$"):
+        PPOConfig.from_dict({"zzzz": 1})
+
+
+def test_dictionaries_round_trip():
+    config = PPOConfig(depth=3, critic_hidden=(8, 4), gamma=0.5, surrogate="softsign", reduce_lr=True)
+    assert PPOConfig.from_dict(config.to_dict()) == config
+    assert config.to_dict()["critic_hidden"] == [8, 4]
+    assert PPOConfig.from_dict({}) == PPOConfig()
+    with pytest.raises(ConfigError, match="gamma"):
+        PPOConfig.from_dict({"gamma": "high"})
+
+
+def test_a_whole_number_will_do_for_a_float():
+    assert PPOConfig(gamma=1).hyperparameters().gamma == np.float32(1)
+
+
+def test_hyperparameters_are_float32_and_static_forgets_them():
+    config = PPOConfig(gamma=0.5, weight_decay=0.25, depth=3)
+    hyper = config.hyperparameters()
+    assert all(isinstance(value, np.float32) for value in hyper)
+    assert (hyper.gamma, hyper.weight_decay) == (0.5, 0.25)
+    assert config.static() == PPOConfig(depth=3)
+    assert hash(config.static()) == hash(PPOConfig(depth=3))
+
+
+@pytest.mark.parametrize(
+    ("num_steps", "first"), [(16, 16), (128, 16), (129, 16), (256, 32), (1, 16), (1000, 125)]
+)
+def test_the_first_rollout(num_steps, first):
+    config = PPOConfig(num_steps=num_steps, num_envs=2)
+    assert config.chunk_steps == first
+    assert config.chunk_size == 2 * first
+
+
+def test_growth_stops_where_a_rollout_would_outgrow_its_stage():
+    def most(total: int) -> int:
+        return PPOConfig(total_timesteps=total, num_envs=2, num_steps=16).max_stage
+
+    chunk = 32
+    assert most(chunk) == 0
+    assert most(8 * chunk * 2 - 1) == 0
+    assert most(8 * chunk * 2) == 1
+    assert most(8 * chunk * 127) == 6
+    assert most(8 * chunk * 128) == 7
+    assert most(8 * chunk * 10_000) == 7
+
+
+def test_dynamic_rollout_off_keeps_one_size():
+    config = PPOConfig(dynamic_rollout=False, num_steps=128, num_envs=4)
+    assert (config.max_stage, config.chunk_steps, config.chunk_size) == (0, 128, 512)
