@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from .algos.config import PPOConfig
@@ -16,6 +17,7 @@ from .algos.presets import DEFAULT, preset
 from .algos.state import TrainState
 from .algos.train import Trainer, make_trainer, stops
 from .compilation import use_disk_cache
+from .envs.host import EnvironmentFailure
 from .envs.registry import Backend, EnvSpec, resolve
 from .evaluate import sample_actions
 from .policies.extract import extract_tree
@@ -100,7 +102,7 @@ class PPO:
     def learn(
         self,
         total_timesteps: int | None = None,
-        callback: Callback | Sequence[Callback] = (),
+        callback: Callback | Sequence[Callback] | None = None,
         *,
         progress_bar: bool = True,
     ) -> PPO:
@@ -122,7 +124,7 @@ class PPO:
                 f"this agent has been trained for all its {self.config.total_timesteps} steps; make a new one, with "
                 "another seed or more total_timesteps"
             )
-        callbacks = [callback] if callable(callback) else list(callback)
+        callbacks = [callback] if callable(callback) else list(callback or ())
         use_disk_cache()
         trainer = make_trainer(self.spec, self.config, self.seed)
         try:
@@ -141,12 +143,14 @@ class PPO:
         for stop in stops(self.config):
             if self.num_timesteps >= stop:
                 continue
-            self.state = trainer.advance(self.state, stop)
+            state = trainer.advance(self.state, stop)
+            _require_finite(state, self.num_timesteps)  # waits for the device, too
+            self.state = state
             elapsed = time.perf_counter() - began
             metrics = _metrics(self.state, elapsed, (self.num_timesteps - first) / elapsed)
             bar.update(metrics)
             report = Report(self, self.num_timesteps, self.config.total_timesteps, metrics)
-            if any([c(report) is False for c in callbacks]):  # noqa: C419  (all of them hear of it)
+            if any([c(report) is False for c in callbacks]):
                 return
 
     def predict(
@@ -193,27 +197,30 @@ class PPO:
         Raises:
             RunError: a folder of that name that is not a run, or cannot be written.
         """
-        run = Run.create(Path(path), self.spec, self.config, self.seed, overwrite=True)
+        run = Run.create(Path(path), self.spec, self.config, self.seed, preset=self.preset, overwrite=True)
         if self.state is not None:
             run.save_checkpoint(self.state)
             run.save_tree(self.tree())
 
 
-def load(path: str | PathLike[str], env: Any = None, **names: Any) -> PPO:
+def load(path: str | PathLike[str], env: Any = None) -> PPO:
     """The agent that a run's folder holds, ready to predict and, if it was interrupted, to go on learning.
 
     ``env`` is needed only where the run's environment has no id: give what it was trained on. Nothing in the
-    folder is ever run as code.
+    folder is ever run as code. A run that was stopped before its first checkpoint is an agent that has learnt
+    nothing yet.
 
     Raises:
-        RunError: no run there, made by another version, or without a whole checkpoint.
+        RunError: no run there, made by another version, or all its checkpoints are damaged.
     """
     run = Run.open(Path(path))
-    agent = PPO("tree", run.resolve_env(env, **names), seed=run.seed)
-    agent.config = run.config
+    agent = PPO("tree", run.resolve_env(env), seed=run.seed)
+    agent.preset, agent.config = run.about["preset"], run.config
     trainer = make_trainer(agent.spec, agent.config, agent.seed)
-    agent.state = run.load_checkpoint(trainer.template())
-    trainer.close()
+    try:
+        agent.state = run.load_checkpoint(trainer.template())
+    finally:
+        trainer.close()
     return agent
 
 
@@ -238,6 +245,16 @@ def _extract(spec: EnvSpec, config: PPOConfig, state: TrainState) -> DecisionTre
         feature_low=spec.features.low,
         feature_high=spec.features.high,
     )
+
+
+def _require_finite(state: TrainState, before: int) -> None:
+    numbers = [*jax.tree.leaves(state.networks), state.validation.last_return]
+    if not all(np.isfinite(np.asarray(leaf)).all() for leaf in numbers):
+        raise EnvironmentFailure(
+            f"between training steps {before:,} and {int(state.timestep):,} the training came to NaN or infinity: "
+            "the environment returned an observation or a reward that is not finite, or the learning rates are "
+            "too high"
+        )
 
 
 def _metrics(state: TrainState, elapsed: float, fps: float) -> dict[str, float]:

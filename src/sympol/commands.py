@@ -4,33 +4,40 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import difflib
+import io
 import json
+import signal
 import sys
+import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import gymnasium
 import tyro
 from rich.console import Console
+from rich.markup import escape
 
 from .agents import PPO, Report, load
 from .algos.config import ConfigError, PPOConfig
-from .algos.presets import DEFAULT, preset, presets_of
+from .algos.presets import DEFAULT, preset
 from .envs.host import EnvironmentFailure
 from .envs.registry import Backend, UnknownEnvironment, resolve
 from .evaluate import evaluate_policy, play
+from .runs.checkpoint import DamagedCheckpoint
 from .runs.folder import Run, RunError, versions
 from .runs.metrics import TensorBoard
-from .trees import DecisionTree
 
 START = time.perf_counter()
 EVAL_SEED = 1
 """Of the test episodes at the end of a training; training and validation have streams of their own."""
 
-out = Console(soft_wrap=True, highlight=False)
-err = Console(stderr=True, soft_wrap=True, highlight=False)
+out = Console(soft_wrap=True, highlight=False, emoji=False)
+err = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
 
 Text = tyro.conf.Positional[str]
 Folder = tyro.conf.Positional[Path]
@@ -119,8 +126,8 @@ class Resume:
     run: Folder
     """The run's folder."""
 
-    eval_episodes: int = 20
-    """Test episodes on Gymnasium at the end."""
+    eval_episodes: int | None = None
+    """Test episodes on Gymnasium at the end; by default as many as the training was told."""
 
     json: bool = False
     """One line of JSON."""
@@ -129,14 +136,24 @@ class Resume:
 def train(arguments: Sequence[str]) -> int:
     """``sympol train``."""
     with _errors():
-        given = _parse(Train, "train", arguments, Train("", config=_preset_config(arguments)))
+        given = _parse_train(arguments)
+        if given.eval_episodes < 1:
+            raise ValueError(f"--eval-episodes must be at least 1, got {given.eval_episodes}")
         spec = resolve(given.env, backend=given.backend)
         agent = PPO("tree", spec, seed=given.seed, **dataclasses.asdict(given.config))
-        path = given.run_dir or _next_free(Path("runs"), spec.name)
         if given.resume:
-            return _continue(path, given.eval_episodes, given.json)
+            return _continue(_same_run(given, agent), given.eval_episodes, given.json)
+        if given.tensorboard:
+            TensorBoard.require()
+        path = given.run_dir or _next_free(Path("runs"), spec.name)
         run = Run.create(
-            path, spec, agent.config, agent.seed, preset=given.preset, overwrite=given.overwrite or _ask(path)
+            path,
+            spec,
+            agent.config,
+            agent.seed,
+            preset=given.preset,
+            eval_episodes=given.eval_episodes,
+            overwrite=given.overwrite or _ask(path),
         )
         return _learn(agent, run, given.eval_episodes, given.json, tensorboard=given.tensorboard)
     return 2
@@ -168,7 +185,7 @@ def evaluate(arguments: Sequence[str]) -> int:
             print(json.dumps(result))
         else:
             out.print(
-                f"{spec.name}: return [bold]{mean:,.2f}[/] ± {std:,.2f} over {given.episodes} episodes "
+                f"{escape(spec.name)}: return [bold]{mean:,.2f}[/] ± {std:,.2f} over {given.episodes} episodes "
                 f"(seed {given.seed})"
             )
         return 0
@@ -180,10 +197,13 @@ def show(arguments: Sequence[str]) -> int:
     with _errors():
         given = _parse(Show, "show", arguments)
         run = Run.open(given.run)
-        out.print(run.load_tree().to_text(), markup=False)
-        summary = run.path / "summary.json"
-        if summary.exists():
-            _print_summary(json.loads(summary.read_text()))
+        tree, summary = run.load_tree(), run.load_summary()
+        out.print(tree.to_text(), markup=False)
+        if summary is not None:
+            try:
+                _print_summary(summary)
+            except (KeyError, TypeError, ValueError) as error:
+                raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
         return 0
     return 2
 
@@ -210,7 +230,7 @@ def export(arguments: Sequence[str]) -> int:
                 tree.plot(path if path.suffix == f".{given.to}" else path.with_suffix(f".{given.to}"))
         except OSError as error:
             raise RunError(f"cannot write {path}: {error.strerror}; choose another --out") from error
-        err.print(f"written to {path}")
+        err.print(f"written to {path}", markup=False)
         return 0
     return 2
 
@@ -230,41 +250,92 @@ def _errors() -> Iterator[None]:
     try:
         yield
     except (ConfigError, UnknownEnvironment, RunError, ValueError) as error:
-        err.print(f"[bold red]error:[/] {_escape(str(error))}")
+        _print_error(error)
         raise SystemExit(2) from None
-    except (EnvironmentFailure, ImportError) as error:
-        err.print(f"[bold red]error:[/] {_escape(str(error))}")
+    except (EnvironmentFailure, ImportError, gymnasium.error.Error, OSError) as error:
+        _print_error(error)
         raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        err.print("interrupted")
+        raise SystemExit(130) from None
 
 
-def _escape(text: str) -> str:
-    return text.replace("[", r"\[")
+def _print_error(error: BaseException) -> None:
+    err.print(f"[bold red]error:[/] {escape(' '.join(str(error).split()))}")
 
 
 def _parse(kind: type[Any], command: str, arguments: Sequence[str], default: Any = None) -> Any:
+    """Arguments as ``kind``; what is wrong with them in one line."""
     options = {} if default is None else {"default": default}
-    return tyro.cli(
-        kind, args=list(arguments), prog=f"sympol {command}", config=(tyro.conf.OmitArgPrefixes,), **options
-    )
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            parsed, unknown = tyro.cli(
+                kind,
+                args=list(arguments),
+                prog=f"sympol {command}",
+                config=(tyro.conf.OmitArgPrefixes,),
+                return_unknown_args=True,
+                **options,
+            )
+    except SystemExit as stop:
+        if stop.code in (0, None):
+            raise
+        raise ValueError(f"{_first_box(said.getvalue())} (see sympol {command} --help)") from None
+    if unknown:
+        flags = [f"--{f.name}".replace("_", "-") for k in (kind, PPOConfig) for f in dataclasses.fields(k)]
+        near = difflib.get_close_matches(unknown[0].replace("_", "-"), flags if kind is Train else flags[:9])
+        hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
+        raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
+    return parsed
 
 
-def _preset_config(arguments: Sequence[str]) -> PPOConfig:
-    """What the flags fall back to: the preset of the environment that is named first."""
-    words = [word for word in arguments if not word.startswith("-")]
-    env = arguments[0] if arguments and not arguments[0].startswith("-") else next(iter(words), "")
-    name = DEFAULT
-    for i, word in enumerate(arguments):
-        if word.startswith("--preset"):
-            name = word.partition("=")[2] or (arguments[i + 1] if i + 1 < len(arguments) else DEFAULT)
-    return PPOConfig.from_dict(preset(env, name)) if env in words and presets_of(env) else PPOConfig()
+def _first_box(text: str) -> str:
+    """What tyro draws as a box, its first paragraph, as a line."""
+    lines = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
+    paragraph = lines[: next((i for i, line in enumerate(lines) if set(line) == {"─"}), len(lines))]
+    return " ".join(paragraph).rstrip(".") or " ".join(text.split())
+
+
+def _parse_train(arguments: Sequence[str]) -> Train:
+    """In two passes: the first finds environment and preset, from which the flags not given take their values."""
+    asks = {"-h", "--help"} & set(arguments)
+    first: Train = Train("", config=PPOConfig())
+    with contextlib.suppress(ValueError):  # the second pass says it
+        first = _parse(Train, "train", [a for a in arguments if a not in asks], first)
+    values = preset(first.env, first.preset)
+    return _parse(Train, "train", arguments, Train("", config=PPOConfig.from_dict(values)))
+
+
+def _same_run(given: Train, agent: PPO) -> Path:
+    """The folder to go on in, where what was given does not contradict it."""
+    if given.run_dir is None or given.overwrite:
+        raise RunError("--resume needs the folder to go on in, as --run-dir, and cannot go with --overwrite")
+    run = Run.open(given.run_dir)
+    was = {"env": run.about["env"], "seed": run.seed, **run.config.to_dict()}
+    now = {"env": agent.spec.name, "seed": agent.seed, **agent.config.to_dict()}
+    changed = [f"{name} {was[name]}, not {now[name]}" for name in was if was[name] != now[name]]
+    if changed:
+        raise RunError(
+            f"{run.path} was begun with {', '.join(changed)}; to go on with it as it was: sympol resume {run.path}"
+        )
+    return given.run_dir
 
 
 def _next_free(folder: Path, name: str) -> Path:
     safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
     number = 1
-    while (folder / f"{safe}-{number}").exists():
-        number += 1
-    return folder / f"{safe}-{number}"
+    while True:
+        path = folder / f"{safe}-{number}"
+        try:
+            path.mkdir(parents=True)  # taken, whoever else is looking for one
+            return path
+        except FileExistsError as error:
+            if folder.exists() and not folder.is_dir():
+                raise RunError(f"{folder} is a file; choose a --run-dir") from error
+            number += 1
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {error.strerror}; choose another --run-dir") from error
 
 
 def _ask(path: Path) -> bool:
@@ -275,35 +346,50 @@ def _ask(path: Path) -> bool:
     return input().strip().lower() in ("y", "yes")
 
 
-def _continue(path: Path, eval_episodes: int, as_json: bool) -> int:
+def _continue(path: Path, eval_episodes: int | None, as_json: bool) -> int:
     run = Run.open(path)
-    agent = load(path)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DamagedCheckpoint)
+        agent = load(path)
+    for warning in caught:
+        err.print(f"[bold yellow]warning:[/] {escape(' '.join(str(warning.message).split()))}")
+    run.metrics.forget_after(agent.num_timesteps)
     err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")
-    return _learn(agent, run, eval_episodes, as_json)
+    tensorboard = (run.path / "tensorboard").is_dir()
+    episodes = run.about["eval_episodes"] if eval_episodes is None else eval_episodes
+    return _learn(agent, run, episodes, as_json, tensorboard=tensorboard)
 
 
 def _learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboard: bool = False) -> int:
     board = TensorBoard(run.path / "tensorboard") if tensorboard else None
     err.print(
         f"training a tree of depth {agent.config.depth} on {agent.spec.name}, seed {agent.seed}, "
-        f"{'inside one compiled program' if agent.spec.env is not None else 'through Gymnasium'}; run: {run.path}"
+        f"{'inside one compiled program' if agent.spec.env is not None else 'through Gymnasium'}; run: {run.path}",
+        markup=False,
     )
 
-    def keep(report: Report) -> None:
+    def keep(report: Report) -> bool:
         run.metrics.append(report.metrics)
         if board is not None:
             board.append(report.metrics)
         assert agent.state is not None
-        run.save_checkpoint(agent.state)
+        run.save_checkpoint(agent.state)  # after its row: resuming drops rows that have no checkpoint
+        return not asked.is_set()
 
     first, began = agent.num_timesteps, time.perf_counter()
     try:
+        with _ask_to_stop(lambda: agent.state is not None) as asked:
+            if agent.num_timesteps < agent.config.total_timesteps:
+                agent.learn(callback=keep)
         if agent.num_timesteps < agent.config.total_timesteps:
-            agent.learn(callback=keep)
+            raise KeyboardInterrupt
+        seconds = time.perf_counter() - began
+        summary = _finish(agent, run, eval_episodes)
     except (KeyboardInterrupt, EnvironmentFailure) as stop:
         return _stopped(agent, run, stop)
-    seconds = time.perf_counter() - began
-    summary = _finish(agent, run, eval_episodes)
+    finally:
+        if board is not None:
+            board.close()
     trained = max(1e-9, seconds - agent.compile_seconds)
     summary |= {
         "wall_seconds": round(time.perf_counter() - START, 3),
@@ -323,15 +409,34 @@ def _learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboa
 
 def _stopped(agent: PPO, run: Run, stop: BaseException) -> int:
     """Keep what there is and say how to go on."""
-    if agent.state is None:
-        err.print("stopped before the first validation: nothing to keep yet")
-    else:
-        run.save_checkpoint(agent.state)
-        err.print(f"saved at step {agent.num_timesteps:,}; go on with: sympol resume {run.path}")
-    if isinstance(stop, KeyboardInterrupt):
-        return 130
-    err.print(f"[bold red]error:[/] {_escape(str(stop))}")
-    return 1
+    if isinstance(stop, EnvironmentFailure):
+        _print_error(stop)
+        if agent.state is not None:
+            run.save_checkpoint(agent.state)  # what the failed segment had come to
+    at = f"saved at step {agent.num_timesteps:,}" if agent.state is not None else "nothing is trained yet"
+    err.print(f"{at}; go on with: sympol resume {run.path}", markup=False)
+    return 130 if isinstance(stop, KeyboardInterrupt) else 1
+
+
+@contextlib.contextmanager
+def _ask_to_stop(has_begun: Callable[[], bool]) -> Iterator[threading.Event]:
+    """Let Ctrl-C wait for the next save, so that a resumed run ends as one never stopped; a second does not wait."""
+    asked = threading.Event()
+
+    def stop(number: int, frame: object) -> None:
+        if asked.is_set() or not has_begun():
+            raise KeyboardInterrupt
+        asked.set()
+        err.print("\nstopping at the next save; Ctrl-C again stops at once")
+
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _finish(agent: PPO, run: Run, eval_episodes: int) -> dict[str, Any]:
@@ -351,8 +456,13 @@ def _finish(agent: PPO, run: Run, eval_episodes: int) -> dict[str, Any]:
         "best_timestep": int(state.validation.best_timestep),
     }
     if agent.spec.make_host is not None:
-        episodes = play(tree, agent.spec, eval_episodes, seed=EVAL_SEED)
-        sampled = play(full, agent.spec, eval_episodes, seed=EVAL_SEED, deterministic=False)
+        try:
+            episodes = play(tree, agent.spec, eval_episodes, seed=EVAL_SEED)
+            sampled = play(full, agent.spec, eval_episodes, seed=EVAL_SEED, deterministic=False)
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"in the test episodes, after training: {type(error).__name__}: {error}"
+            ) from error
         tree = tree.with_visits(episodes.observations)
         summary |= {
             "return_mean": float(episodes.returns.mean()),

@@ -15,6 +15,9 @@ from .trees.actions import BoxActions
 TEST = 0x7E57
 """Part of every seed used here and of none used in training or validation."""
 
+MAX_EPISODE_STEPS = 10_000
+"""Where an episode is cut whose environment has no time limit, as in validation."""
+
 
 class Policy(Protocol):
     """Anything with stable-baselines3's ``predict``."""
@@ -57,6 +60,8 @@ def evaluate_policy(
     """
     if n_eval_episodes < 1:
         raise ValueError(f"n_eval_episodes must be at least 1, got {n_eval_episodes}")
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
     spec = env if isinstance(env, EnvSpec) else resolve(env, backend="host")
     if isinstance(model, DecisionTree):
         episodes = play(model, spec, n_eval_episodes, seed=seed, deterministic=deterministic)
@@ -74,15 +79,19 @@ def play(
     tree: DecisionTree, spec: EnvSpec, num_episodes: int, *, seed: int, deterministic: bool = True
 ) -> Episodes:
     """Play episodes side by side, one environment each, so that the tree answers them in batches."""
+    _require_host(spec)
+    if spec.has_one_copy:
+        one = [_play(tree, spec, [episode], seed, deterministic) for episode in range(num_episodes)]
+        return Episodes(*(np.concatenate(parts) for parts in zip(*one, strict=True)))
+    return _play(tree, spec, range(num_episodes), seed, deterministic)
+
+
+def _require_host(spec: EnvSpec) -> None:
     if spec.make_host is None:
         raise ValueError(
             f"{spec.name} is written in JAX and has no form in Gymnasium to be evaluated on; give evaluate_policy "
             "a Gymnasium environment"
         )
-    if spec.has_one_copy:
-        one = [_play(tree, spec, [episode], seed, deterministic) for episode in range(num_episodes)]
-        return Episodes(*(np.concatenate(parts) for parts in zip(*one, strict=True)))
-    return _play(tree, spec, range(num_episodes), seed, deterministic)
 
 
 def _play(
@@ -91,10 +100,9 @@ def _play(
     assert spec.make_host is not None
     rng = np.random.default_rng([seed, TEST])
     envs = [spec.make_host() for _ in episodes]
-    observations = [
-        env.reset(seed=episode_seed(seed, i))[0] for env, i in zip(envs, episodes, strict=True)
-    ]
+    observations = [env.reset(seed=episode_seed(seed, i))[0] for env, i in zip(envs, episodes, strict=True)]
     returns, lengths = np.zeros(len(envs)), np.zeros(len(envs), int)
+    limit = spec.max_episode_steps or MAX_EPISODE_STEPS
     running, seen = list(range(len(envs))), []
     while running:
         x = np.stack([spec.features.flatten(observations[i]) for i in running])
@@ -106,7 +114,7 @@ def _play(
             observations[i], reward, terminated, truncated, _ = envs[i].step(action)
             returns[i] += float(reward)
             lengths[i] += 1
-            if not (terminated or truncated):
+            if not (terminated or truncated or lengths[i] >= limit):
                 still.append(i)
         running = still
     if not spec.has_one_copy:
@@ -128,8 +136,10 @@ def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) 
 def _play_one_by_one(
     model: Policy, spec: EnvSpec, num_episodes: int, *, seed: int, deterministic: bool
 ) -> Episodes:
+    _require_host(spec)
     assert spec.make_host is not None
     env = spec.make_host()
+    limit = spec.max_episode_steps or MAX_EPISODE_STEPS
     returns, lengths = np.zeros(num_episodes), np.zeros(num_episodes, int)
     for i in range(num_episodes):
         observation, _ = env.reset(seed=episode_seed(seed, i))
@@ -139,10 +149,12 @@ def _play_one_by_one(
             observation, reward, terminated, truncated, _ = env.step(action)
             returns[i] += float(reward)
             lengths[i] += 1
-            done = terminated or truncated
+            done = terminated or truncated or lengths[i] >= limit
+    if not spec.has_one_copy:
+        env.close()
     return Episodes(returns, lengths, np.zeros((0, len(spec.features.names)), np.float32))
 
 
 def episode_seed(seed: int, episode: int) -> int:
-    """The seed of one test episode."""
-    return int(np.random.SeedSequence([seed, TEST, episode]).generate_state(1)[0])
+    """The seed of one test episode. It is odd; those of training and validation are even (`HostEnvs.reset`)."""
+    return int(np.random.SeedSequence([seed, TEST, episode]).generate_state(1)[0]) | 1

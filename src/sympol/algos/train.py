@@ -10,9 +10,10 @@ nothing compiles twice.
 from __future__ import annotations
 
 import abc
+import contextlib
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -21,6 +22,7 @@ from jax import Array
 from jaxtyping import Int
 
 from ..envs.env import Env
+from ..envs.host import EnvironmentFailure
 from ..envs.registry import EnvSpec
 from ..functional.schedules import stage
 from ..policies.distributions import Distribution, distribution_of
@@ -28,10 +30,10 @@ from ..types import Transition
 from .collect import collect, empty_rollout, reset_envs
 from .collect_host import HostCollector
 from .config import Hyperparameters, PPOConfig
-from .validate import validate
 from .init import init_state, normalizer_of, purpose_key, refit_normalizer
 from .ppo import learn
 from .state import Episodes, TrainState
+from .validate import validate
 
 Segment = Callable[[Hyperparameters, Any, TrainState, Any, Any], TrainState]
 
@@ -120,7 +122,7 @@ class Trainer(abc.ABC):
     """Trains one seed, a segment at a time."""
 
     latest: TrainState | None = None
-    """The last complete update inside a segment that failed, where the host has seen one."""
+    """What a segment that failed had come to by its last update, where the host has seen one."""
 
     @abc.abstractmethod
     def compile(self) -> float:
@@ -246,17 +248,30 @@ class HostTrainer(Trainer):
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """See `Trainer`."""
         config = self._config
+        self.latest = state
         now: TrainState = self._begin_segment(state or self._begin(self._hyper, np.uint32(self._seed)))
-        self._collector.begin(self._seed, int(now.timestep))
+        with _named_step(now, "on a new start"):
+            self._collector.begin(self._seed, int(now.timestep))
         while (timestep := int(now.timestep)) < stop:
             num_chunks = 1 << stage(timestep, config.total_timesteps, config.max_stage)
             rollout, observation = self._collector.collect(now, num_chunks)
-            now = self.latest = self._update(self._hyper, now, rollout, observation)
-        return self._judge(now, self._collector.validate(now, self._seed))
+            now = self._update(self._hyper, now, rollout, observation)
+            if int(now.timestep) < stop:  # the last one counts once it is validated
+                self.latest = now
+        with _named_step(now, "in validation"):
+            return self._judge(now, self._collector.validate(now, self._seed))
 
     def close(self) -> None:
         """Close the environments."""
         self._collector.close()
+
+
+@contextlib.contextmanager
+def _named_step(state: TrainState, where: str) -> Iterator[None]:
+    try:
+        yield
+    except EnvironmentFailure as failure:
+        raise EnvironmentFailure(f"at training step {int(state.timestep):,}, {where}: {failure}") from failure
 
 
 def make_trainer(spec: EnvSpec, config: PPOConfig, seed: int) -> Trainer:

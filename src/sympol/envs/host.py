@@ -40,9 +40,12 @@ class HostEnvs:
     def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
         """Start an episode in every copy.
 
-        Each copy gets its own seed out of this one; with ``seed + index`` two trainings would share most.
+        Each copy gets its own seed out of this one; with ``seed + index`` two trainings would share most. They
+        are even: no test episode has such a seed (`sympol.evaluate.episode_seed`).
         """
-        seeds: list[int | None] = [*np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()]
+        seeds: list[int | None] = [
+            word & ~1 for word in np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()
+        ]
         observation, _ = self._envs.reset(seed=seeds)
         self._require_finite("an observation", observation)
         return observation.copy()

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
+from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
@@ -25,6 +26,10 @@ State = TypeVar("State")
 
 class CheckpointError(RuntimeError):
     """No usable checkpoint."""
+
+
+class DamagedCheckpoint(UserWarning):
+    """A checkpoint was truncated or edited, and the one before it is used."""
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -52,6 +57,11 @@ def save(folder: Path, state: Any, timestep: int) -> Path:
     return path
 
 
+def has_checkpoints(folder: Path) -> bool:
+    """Whether there is any, whole or damaged."""
+    return any(folder.glob("*.json")) or any(folder.glob("*.safetensors"))
+
+
 def load_latest(folder: Path, like: State) -> tuple[State, int]:
     """The newest checkpoint that is whole, in the shape of ``like``, and its timestep.
 
@@ -61,11 +71,12 @@ def load_latest(folder: Path, like: State) -> tuple[State, int]:
     for seal in sorted(folder.glob("*.json"), reverse=True):
         try:
             state, timestep = _load(seal, like)
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
             problems.append(f"{seal.with_suffix('.safetensors').name}: {error}")
             continue
         if problems:
-            warnings.warn(f"damaged checkpoint passed over: {'; '.join(problems)}", stacklevel=2)
+            message = f"damaged checkpoint passed over: {'; '.join(problems)}"
+            warnings.warn(message, DamagedCheckpoint, stacklevel=2)
         return state, timestep
     detail = f": {'; '.join(problems)}" if problems else ""
     raise CheckpointError(f"no usable checkpoint in {folder}{detail}")
@@ -78,7 +89,8 @@ def _load(seal_path: Path, like: State) -> tuple[State, int]:
         raise ValueError("its checksum does not match: truncated or edited")
     tensors = load_tensors(content)
     leaves = []
-    for name, leaf in _named_leaves(like):
+    for path, leaf in jax.tree_util.tree_flatten_with_path(like)[0]:  # arrays, or only their shapes
+        name = jax.tree_util.keystr(path)
         saved = tensors.pop(name)
         if saved.shape != leaf.shape or saved.dtype != leaf.dtype:
             raise ValueError(f"{name} is {saved.dtype}{saved.shape}, expected {leaf.dtype}{leaf.shape}")

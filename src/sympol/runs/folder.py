@@ -29,10 +29,30 @@ from ..algos.config import ConfigError, PPOConfig
 from ..algos.state import TrainState
 from ..envs.registry import EnvSpec, UnknownEnvironment, resolve
 from ..trees import DecisionTree
-from .checkpoint import CheckpointError, load_latest, save, write_atomically
+from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
 from .metrics import MetricsFile
 
 FORMAT = 1
+_ABOUT = {
+    "sympol": str,
+    "env": str,
+    "backend": str,
+    "seed": int,
+    "preset": str,
+    "eval_episodes": int,
+    "feature_names": list,
+    "action_names": list,
+}
+_MADE = (
+    "checkpoints",
+    "tensorboard",
+    "metrics.csv",
+    "policy.json",
+    "policy.py",
+    "tree.txt",
+    "tree.svg",
+    "summary.json",
+)
 
 
 class RunError(RuntimeError):
@@ -55,6 +75,7 @@ class Run:
         seed: int,
         *,
         preset: str = "default",
+        eval_episodes: int = 20,
         overwrite: bool = False,
     ) -> Run:
         """Make the folder and write its config.
@@ -66,7 +87,7 @@ class Run:
         if path.exists() and not path.is_dir():
             raise RunError(f"{path} is a file; choose another --run-dir")
         if path.is_dir() and any(path.iterdir()):
-            if not config_file.exists():
+            if not _is_run(config_file):
                 raise RunError(f"{path} exists and is not a sympol run; choose another --run-dir")
             if not overwrite:
                 raise RunError(
@@ -83,14 +104,19 @@ class Run:
             "backend": backend,
             "seed": seed,
             "preset": preset,
+            "eval_episodes": eval_episodes,
             "feature_names": list(spec.features.names),
             "action_names": list(spec.actions.names),
         }
         content = {"run": about, "config": config.to_dict(), "versions": versions()}
         try:
-            if path.is_dir():
-                shutil.rmtree(path)
-            path.mkdir(parents=True)
+            path.mkdir(parents=True, exist_ok=True)
+            for name in _MADE:  # what others put beside them stays
+                made = path / name
+                if made.is_dir() and not made.is_symlink():
+                    shutil.rmtree(made)
+                else:
+                    made.unlink(missing_ok=True)
             write_atomically(config_file, tomli_w.dumps(content).encode())
         except OSError as error:
             raise RunError(f"cannot write {path}: {error.strerror}; choose another --run-dir") from error
@@ -106,15 +132,24 @@ class Run:
         try:
             content = tomllib.loads((path / "config.toml").read_text(encoding="utf-8"))
             about, config = content["run"], content["config"]
-        except FileNotFoundError as error:
+        except (FileNotFoundError, NotADirectoryError) as error:
             raise RunError(f"there is no run in {path}: it has no config.toml") from error
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError) as error:
+        except KeyError as error:
+            raise RunError(f"{path / 'config.toml'} is not a run's: it lacks [{error.args[0]}]") from error
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise RunError(f"{path / 'config.toml'} cannot be read: {error}") from error
+        if not isinstance(about, dict) or not isinstance(config, dict):
+            raise RunError(f"{path / 'config.toml'} is not a run's: [run] and [config] must be tables")
         if about.get("format") != FORMAT:
             raise RunError(
                 f"{path} was made by sympol {about.get('sympol', '?')} in format {about.get('format')}; this is "
                 f"sympol {__version__}, which reads format {FORMAT}: install the version that made it"
             )
+        for name, kind in _ABOUT.items():
+            value = about.setdefault("eval_episodes", 20) if name == "eval_episodes" else about.get(name)
+            parts = value if isinstance(value, list) else ["none"]
+            if type(value) is not kind or not all(isinstance(part, str) for part in parts):
+                raise RunError(f"{path / 'config.toml'}: {name} must be a {kind.__name__}, got {value!r}")
         try:
             return cls(path, about, PPOConfig.from_dict(config))
         except ConfigError as error:
@@ -148,23 +183,24 @@ class Run:
         """Write the state of the training."""
         save(self.path / "checkpoints", state, int(state.timestep))
 
-    def load_checkpoint(self, template: TrainState) -> TrainState:
-        """The newest whole state; rows of metrics beyond it are dropped.
+    def load_checkpoint(self, template: TrainState) -> TrainState | None:
+        """The newest whole state; None where none was saved yet.
 
         Raises:
-            RunError: made by another version of sympol, or no whole checkpoint.
+            RunError: made by another version of sympol, or all checkpoints are damaged.
         """
         if self.about["sympol"] != __version__:
             raise RunError(
                 f"{self.path} was made by sympol {self.about['sympol']}, this is {__version__}: its checkpoints "
                 "continue only in the version that made them; policy.json can still be read"
             )
+        folder = self.path / "checkpoints"
+        if not has_checkpoints(folder):
+            return None
         try:
-            state, timestep = load_latest(self.path / "checkpoints", template)
+            return load_latest(folder, template)[0]
         except CheckpointError as error:
-            raise RunError(f"{error}; a run is saved after its first validation") from error
-        self.metrics.forget_after(timestep)
-        return state
+            raise RunError(f"{error}; train anew with --overwrite, or into another --run-dir") from error
 
     def save_tree(self, tree: DecisionTree) -> None:
         """Write the tree in every form."""
@@ -185,9 +221,28 @@ class Run:
         try:
             return DecisionTree.from_json(file.read_text(encoding="utf-8"))
         except FileNotFoundError as error:
-            raise RunError(f"{self.path} has no policy.json yet; finish it: sympol resume {self.path}") from error
+            raise RunError(
+                f"{self.path} has no policy.json yet; finish it: sympol resume {self.path}"
+            ) from error
         except (OSError, ValueError) as error:
             raise RunError(f"{file} cannot be read: {error}") from error
+
+    def load_summary(self) -> dict[str, Any] | None:
+        """What came of it, if it is finished.
+
+        Raises:
+            RunError: it is damaged.
+        """
+        file = self.path / "summary.json"
+        try:
+            summary = json.loads(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise RunError(f"{file} cannot be read: {error}") from error
+        if not isinstance(summary, dict):
+            raise RunError(f"{file} cannot be read: it holds no object")
+        return summary
 
     def save_summary(self, summary: Mapping[str, Any]) -> None:
         """Write what came of it."""
@@ -195,6 +250,15 @@ class Run:
 
     def _write(self, name: str, text: str) -> None:
         write_atomically(self.path / name, text.encode())
+
+
+def _is_run(config_file: Path) -> bool:
+    """Whether this is the config of a run of ours, and not one of the many other files of that name."""
+    try:
+        about = tomllib.loads(config_file.read_text(encoding="utf-8")).get("run")
+    except (OSError, ValueError):
+        return False
+    return isinstance(about, dict) and {"format", "sympol"} <= about.keys()
 
 
 def versions() -> dict[str, str]:

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from .checkpoint import write_atomically
+
 COLUMNS = (
     "time/total_timesteps",
     "time/time_elapsed",
@@ -34,36 +36,58 @@ class MetricsFile:
     def append(self, metrics: Mapping[str, float]) -> None:
         """Write one row."""
         new = not self._path.exists()
-        with open(self._path, "a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow(COLUMNS)
-            writer.writerow([f"{metrics[name]:.6g}" if name != COLUMNS[0] else metrics[name] for name in COLUMNS])
+        row = [f"{metrics[name]:.6g}" if name != COLUMNS[0] else metrics[name] for name in COLUMNS]
+        with open(self._path, "a", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([COLUMNS, row] if new else [row])
 
     def read(self) -> list[dict[str, float]]:
-        """All rows."""
-        if not self._path.exists():
-            return []
-        with open(self._path, newline="") as file:
-            return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+        """All rows, but for one that a kill cut short."""
+        return [dict(zip(COLUMNS, map(float, line.split(",")), strict=True)) for line in self._lines()]
 
     def forget_after(self, timestep: int) -> None:
         """Drop the rows beyond a checkpoint that training resumes from."""
-        rows = [row for row in self.read() if row[COLUMNS[0]] <= timestep]
-        self._path.unlink(missing_ok=True)
-        for row in rows:
-            self.append({**row, COLUMNS[0]: int(row[COLUMNS[0]])})
+        if not self._path.exists():
+            return
+        kept = [line for line in self._lines() if int(line.split(",")[0]) <= timestep]
+        if kept:
+            lines = [",".join(COLUMNS), *kept]
+            write_atomically(self._path, "".join(f"{line}\r\n" for line in lines).encode())
+        else:
+            self._path.unlink()
+
+    def _lines(self) -> list[str]:
+        """The rows that are whole, as they were written."""
+        if not self._path.exists():
+            return []
+        text = self._path.read_bytes().decode("utf-8", "replace")
+        whole = text[: text.rfind("\n") + 1].splitlines()
+        return [line for line in whole[1:] if _is_row(line)]
+
+
+def _is_row(line: str) -> bool:
+    values = line.split(",")
+    try:
+        return len(values) == len(COLUMNS) and int(values[0]) >= 0 and bool([float(v) for v in values])
+    except ValueError:
+        return False
 
 
 class TensorBoard:
     """The same numbers as TensorBoard scalars."""
 
     def __init__(self, folder: Path) -> None:
+        self._writer: Any = self.require()(str(folder))
+
+    @staticmethod
+    def require() -> Any:
+        """The writer's class. Raises ImportError where it is not installed."""
         try:
             from tensorboardX import SummaryWriter
         except ImportError as error:
-            raise ImportError("TensorBoard logs need tensorboardX: pip install 'sympol[tensorboard]'") from error
-        self._writer: Any = SummaryWriter(str(folder))
+            raise ImportError(
+                "TensorBoard logs need tensorboardX: pip install 'sympol[tensorboard]'"
+            ) from error
+        return SummaryWriter
 
     def append(self, metrics: Mapping[str, float]) -> None:
         """Write one point of every curve."""
