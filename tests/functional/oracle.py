@@ -37,11 +37,8 @@ def textbook_tree(
     choice = straight_through(
         jax.nn.one_hot(feature, num_features, dtype=x.dtype), entmax15_sorted(feature_logits)
     )
-    difference = jnp.einsum("nf,bnf->bn", choice, thresholds[None] - x[:, None])
-    if surrogate == "sigmoid":
-        soft = jax.nn.sigmoid(difference)
-    else:
-        soft = (jax.nn.soft_sign(difference) + 1) / 2
+    difference = jnp.sum(choice * thresholds, axis=1)[None] - x @ choice.T
+    soft = jax.nn.sigmoid(difference) if surrogate == "sigmoid" else (jax.nn.soft_sign(difference) + 1) / 2
     hard = x[:, feature] <= jnp.take_along_axis(thresholds, feature[:, None], 1)[:, 0][None]
     left = straight_through(hard.astype(x.dtype), soft)
 

@@ -55,8 +55,8 @@ def assert_close(ours, expected, tolerance=1e-5):
         (5, 40, 2, 64),
         (6, 2, 1, 3),
         (7, 4, 2, 512),
-        (7, 147, 4, 32),
-        (8, 6, 3, 64),
+        (6, 147, 4, 32),
+        (8, 6, 3, 16),
         (9, 8, 2, 32),
         (11, 3, 2, 8),
     ],
@@ -93,13 +93,12 @@ def test_forward_is_the_plain_tree_to_the_bit(make, depth, features):
     arrays = make(1, depth, features)
     expected = plain_tree(*arrays)
     feature_logits, thresholds, leaf_values, x = map(jnp.asarray, arrays)
-    for run in (hard_tree, jax.jit(hard_tree)):
-        assert np.array_equal(run(feature_logits, thresholds, leaf_values, x), expected)
-    feature, threshold = select(feature_logits, thresholds)
+    assert np.array_equal(jax.jit(hard_tree)(feature_logits, thresholds, leaf_values, x), expected)
+    feature, threshold = jax.jit(select)(feature_logits, thresholds)
     assert feature.dtype == jnp.int32
     assert np.array_equal(feature, np.argmax(arrays[0], 1))
     assert np.array_equal(threshold, flush(arrays[1])[np.arange(len(arrays[1])), np.argmax(arrays[0], 1)])
-    leaves = leaf_index(feature, threshold, x)
+    leaves = jax.jit(leaf_index)(feature, threshold, x)
     assert leaves.dtype == jnp.int32
     assert np.array_equal(leaf_values[leaves], expected)
 
@@ -113,7 +112,6 @@ def test_observations_that_are_not_numbers_leave_the_gradients_of_the_others_alo
     ours = gradients(hard_tree, (*arrays, x), w, "sigmoid")
     rest = gradients(hard_tree, (*arrays, x[good]), w[good], "sigmoid")
     assert all(np.isfinite(g).all() for g in ours)
-    assert_close(ours[:2], rest[:2], 1e-6) if False else None
     for a, b in zip(ours[:2], rest[:2], strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6)
 
@@ -150,11 +148,11 @@ def test_only_the_chosen_threshold_has_a_gradient():
 
 def test_observations_have_no_gradient():
     arrays = [jnp.asarray(a) for a in random_tree(0, 3, 4, 2, 5)]
-    assert not np.any(jax.grad(lambda x: hard_tree(*arrays[:3], x).sum())(arrays[3]))
+    assert not np.any(jax.jit(jax.grad(lambda x: hard_tree(*arrays[:3], x).sum()))(arrays[3]))
 
 
-@pytest.mark.parametrize(("depth", "features"), [(3, 4), (7, 40)])
-def test_vmap_over_seeds_is_a_loop_and_jit_changes_nothing(depth, features):
+@pytest.mark.parametrize(("depth", "features"), [(3, 4), (6, 40)])
+def test_vmap_over_seeds_is_a_loop(depth, features):
     seeds = [random_tree(seed, depth, features, 2, 32) for seed in range(3)]
     stacked = [jnp.stack([jnp.asarray(s[i]) for s in seeds]) for i in range(4)]
     w = weights(32, 2)
@@ -162,6 +160,7 @@ def test_vmap_over_seeds_is_a_loop_and_jit_changes_nothing(depth, features):
     def value_and_gradient(a, b, c, x):
         return jax.value_and_grad(lambda p: jnp.sum(hard_tree(*p, x) * w))((a, b, c))
 
+    loop = jax.jit(value_and_gradient)
     mapped = jax.jit(jax.vmap(value_and_gradient))(*stacked)
     shared_x = jax.jit(jax.vmap(value_and_gradient, in_axes=(0, 0, 0, None)))(*stacked[:3], stacked[3][0])
     shared_tree = jax.jit(jax.vmap(value_and_gradient, in_axes=(None, None, None, 0)))(
@@ -170,24 +169,35 @@ def test_vmap_over_seeds_is_a_loop_and_jit_changes_nothing(depth, features):
     for i in range(3):
         one = [a[i] for a in stacked]
         for got, expected in [
-            (mapped, value_and_gradient(*one)),
-            (shared_x, value_and_gradient(*one[:3], stacked[3][0])),
-            (shared_tree, value_and_gradient(*(a[0] for a in stacked[:3]), one[3])),
+            (mapped, loop(*one)),
+            (shared_x, loop(*one[:3], stacked[3][0])),
+            (shared_tree, loop(*(a[0] for a in stacked[:3]), one[3])),
         ]:
             for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):
                 np.testing.assert_allclose(a[i], b, rtol=1e-5, atol=1e-5)
 
 
+def test_jit_changes_nothing():
+    arrays = [jnp.asarray(a) for a in random_tree(9, 2, 3, 2, 8)]
+
+    def gradient(*p):
+        return jax.grad(lambda p: jnp.sum(jnp.square(hard_tree(*p, arrays[3]))))(p)
+
+    for a, b in zip(gradient(*arrays[:3]), jax.jit(gradient)(*arrays[:3]), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6)
+    assert np.array_equal(hard_tree(*arrays), jax.jit(hard_tree)(*arrays))
+
+
 def test_accumulating_minibatches_in_a_scan_is_one_batch():
     *parameters, x = (jnp.asarray(a) for a in random_tree(8, 5, 4, 2, 96))
     w = jnp.asarray(weights(96, 2))
-    gradient = jax.grad(lambda p, x, w: jnp.sum(hard_tree(*p, x) * w))
+    gradient = jax.jit(jax.grad(lambda p, x, w: jnp.sum(hard_tree(*p, x) * w)))
 
     def accumulate(total, batch):
         return jax.tree.map(jnp.add, total, gradient(parameters, *batch)), None
 
     zeros = jax.tree.map(jnp.zeros_like, parameters)
-    total, _ = jax.lax.scan(accumulate, zeros, (x.reshape(4, 24, 4), w.reshape(4, 24, 2)))
+    total, _ = jax.lax.scan(accumulate, zeros, (np.reshape(x, (4, 24, 4)), np.reshape(w, (4, 24, 2))))
     for a, b in zip(total, gradient(parameters, x, w), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5)
 

@@ -1,8 +1,8 @@
 """A hard, axis-aligned decision tree as a differentiable function: exact, without the textbook's product.
 
 Forward it is an ordinary tree. Backward it is straight-through: each hard comparison stands in for a sigmoid,
-each hard choice of a feature for entmax15. Autodiff of the textbook form multiplies D factors for every leaf;
-here only what an observation met on its way contributes, so only that is computed (docs/hard_tree.md).
+each hard choice of a feature for entmax15. Autodiff of the textbook form multiplies D factors for every leaf,
+O(B·L·D); here only what an observation met on its way is computed, O(B·D² + N·F), and nothing is approximated.
 
     D depth (1 to 14)   N = 2^D − 1 inner nodes   L = 2^D leaves   F features   A action values   B batch
 
@@ -25,6 +25,8 @@ from .entmax import entmax15_vjp
 Surrogate: TypeAlias = Literal["sigmoid", "softsign"]
 
 MAX_DEPTH = 14
+TOP_LEVELS = 4
+"""Levels whose gradients are summed by a matrix product; 3 to 5 measure alike (benchmarks/hard_tree.py)."""
 _SMALLEST_NORMAL = float(jnp.finfo(jnp.float32).tiny)
 
 
@@ -65,7 +67,7 @@ def select(
 ) -> tuple[Int[Array, " N"], Float[Array, " N"]]:
     """The feature each node looks at, and its threshold: what acting needs, once for a whole rollout."""
     num_nodes, num_features = feature_logits.shape
-    # argmax, written so that XLA vectorises it (three times faster for 147 features)
+    # jnp.argmax, in the words that XLA vectorises (three times faster for 147 features)
     candidate = jnp.arange(num_features, dtype=jnp.int32)[None]
     best = feature_logits == jnp.max(feature_logits, axis=1, keepdims=True)
     feature = jnp.min(jnp.where(best, candidate, num_features - 1), axis=1)
@@ -78,37 +80,46 @@ def leaf_index(
 ) -> Int[Array, " B"]:
     """The leaf (0 to L − 1) each observation falls into: D comparisons, no gradient.
 
-    ``feature`` and ``threshold`` are those of `select`; ``leaf_values[leaf_index(...)]`` is then `hard_tree`.
+    ``feature`` and ``threshold`` are those of `select` (a feature outside 0 to F − 1 is not checked);
+    ``leaf_values[leaf_index(...)]`` is `hard_tree` to the bit.
 
     Raises:
         ValueError: if the number of nodes is not that of a full tree.
     """
-    depth = _depth(feature.shape[0])
-    node = jnp.zeros(x.shape[0], jnp.uint32)
-    node = jax.lax.fori_loop(0, depth, lambda _, node: _child(feature, threshold, x, node), node)
-    return node.astype(jnp.int32) - feature.shape[0]
+    num_nodes, root = feature.shape[0], jnp.zeros(x.shape[0], jnp.uint32)
+    descend = partial(_descend, feature, threshold, x)
+    leaf = jax.lax.fori_loop(0, _depth(num_nodes), lambda _, node: descend(node)[0], root) - num_nodes
+    return leaf.astype(jnp.int32)
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _hard_tree(
     surrogate: Surrogate, feature_logits: Array, thresholds: Array, leaf_values: Array, x: Array
 ) -> Array:
-    return _forward(surrogate, feature_logits, thresholds, leaf_values, x)[0]
+    leaf = leaf_index(*select(feature_logits, thresholds), x)
+    return _take(leaf_values, leaf.astype(jnp.uint32))
 
 
 def _forward(surrogate: Surrogate, feature_logits: Array, thresholds: Array, leaf_values: Array, x: Array):
+    """The same, keeping threshold − x at each node of the path [D, B]."""
     feature, threshold = select(feature_logits, thresholds)
-    leaf = leaf_index(feature, threshold, x).astype(jnp.uint32)
-    return _take(leaf_values, leaf), (feature_logits, thresholds, leaf_values, x, feature, threshold, leaf)
+    num_nodes, root = feature.shape[0], jnp.zeros(x.shape[0], jnp.uint32)
+    descend = partial(_descend, feature, threshold, x)
+    node, difference = jax.lax.scan(lambda node, _: descend(node), root, length=_depth(num_nodes))
+    leaf = node - num_nodes
+    residuals = feature_logits, thresholds, leaf_values, x, feature, threshold, leaf, difference
+    return _take(leaf_values, leaf), residuals
 
 
 def _backward(surrogate: Surrogate, residuals: tuple[Array, ...], g: Array):
-    """What each observation adds, at the D nodes of its own path; everything else is zero.
+    """The straight-through gradient: an observation contributes at the D nodes of its own path, nowhere else.
 
-    With u = g · leaf_values[own leaf] and v the same for the leaf it would have reached from the child not
-    taken at a node, ∂loss/∂s there is ±(u − v).
+    At such a node let s = S(threshold − x) be the weight of its left child. With u = g · leaf_values[own leaf]
+    and v the same for the leaf reached from the child not taken, ∂loss/∂s is u − v if it went left, v − u if
+    right, and c = ∂loss/∂s · S′. Summed over the batch, thresholds[n, j] gets Σc, the choice of feature f gets
+    Σ c·(thresholds[n, f] − x[f]) (then the derivative of entmax15), a leaf the g of those that fell into it.
     """
-    feature_logits, thresholds, leaf_values, x, feature, threshold, leaf = residuals
+    feature_logits, thresholds, leaf_values, x, feature, threshold, leaf, difference = residuals
     num_nodes, num_features = feature_logits.shape
     depth = _depth(num_nodes)
 
@@ -122,12 +133,12 @@ def _backward(surrogate: Surrogate, residuals: tuple[Array, ...], g: Array):
     # All siblings descend to a leaf together, the one of the next level joining after each step.
     walk = sibling[:1]
     for d in range(1, depth):
-        walk = jnp.concatenate([_child(feature, threshold, x, walk), sibling[d : d + 1]])
+        walk = jnp.concatenate([_descend(feature, threshold, x, walk)[0], sibling[d : d + 1]])
 
     own = jnp.sum(g * _take(leaf_values, leaf), axis=1)[None]
     other = jnp.einsum("dba,ba->db", _take(leaf_values, walk - num_nodes), g, precision=Precision.HIGHEST)
     delta = jnp.where(went_left, own - other, other - own)
-    c = delta * _slope(surrogate, _take(threshold, path) - _value(feature, x, path))
+    c = delta * _slope(surrogate, difference)
 
     total, product = _sum_at_nodes(c, path, x)
     thresholds = jnp.where(jnp.isfinite(thresholds), thresholds, 0.0)
@@ -143,25 +154,24 @@ def _backward(surrogate: Surrogate, residuals: tuple[Array, ...], g: Array):
 def _sum_at_nodes(c: Array, path: Array, x: Array) -> tuple[Array, Array]:
     """Σ_b c and Σ_b c·x at every node ([N] and [N, F]) from c [D, B] at the nodes of the paths [D, B].
 
-    XLA scatters on a CPU row by row, so the levels near the root, which every observation shares with many,
-    go in one row an observation, addressed by the node where they end; their tables are then summed upwards.
+    The levels near the root, where every observation meets many others, go by a matrix product with the
+    masked c; below, where a product would be mostly zeros, by a scatter (which runs row by row on a CPU).
     """
-    depth, batch = c.shape
+    depth, top = c.shape[0], min(c.shape[0], TOP_LEVELS)
     x = jnp.where(jnp.isfinite(x), x, 0.0)
     x = jnp.concatenate([x, jnp.ones_like(x[:, :1])], axis=1)
-    width = x.shape[1]
-    top = min(depth, 5 if width <= 32 else 3)
 
-    rows = (c[:top].T[:, :, None] * x[:, None]).reshape(batch, top * width)
-    table = jnp.zeros((2 ** (top - 1), top * width), x.dtype)
-    table = table.at[path[top - 1] - (2 ** (top - 1) - 1)].add(rows, mode="promise_in_bounds")
-    table = table.reshape(-1, top, width)
-    sums = [table[:, d].reshape(2**d, -1, width).sum(1) for d in range(top)]
+    def at_level(d: int) -> Array:
+        node = jnp.arange(2**d - 1, 2 ** (d + 1) - 1, dtype=jnp.uint32)
+        return jnp.where(node[:, None] == path[d][None], c[d][None], 0.0)
+
+    masked = jnp.concatenate([at_level(d) for d in range(top)])
+    sums = jnp.dot(masked, x, precision=Precision.HIGHEST)
     if top < depth:
-        low = jnp.zeros((2**depth - 2**top, width), x.dtype)
-        rows = c[top:, :, None] * x[None]
-        sums.append(low.at[path[top:] - (2**top - 1)].add(rows, mode="promise_in_bounds"))
-    sums = jnp.concatenate(sums)
+        below = jnp.zeros((2**depth - 2**top, x.shape[1]), x.dtype)
+        at = path[top:] - (2**top - 1)
+        below = below.at[at].add(c[top:, :, None] * x[None], mode="promise_in_bounds")
+        sums = jnp.concatenate([sums, below])
     return sums[:, -1], sums[:, :-1]
 
 
@@ -188,22 +198,15 @@ def _take(table: Array, index: Array) -> Array:
     return table.at[index].get(mode="promise_in_bounds")
 
 
-def _value(feature: Array, x: Array, node: Array) -> Array:
-    """x[b, feature[node[..., b]]] for nodes [..., B]."""
+def _descend(feature: Array, threshold: Array, x: Array, node: Array) -> tuple[Array, Array]:
+    """Where the observations at these nodes [..., B] go next, and threshold − x there."""
     batch, num_features = x.shape
     row = jnp.arange(batch, dtype=jnp.uint32) * num_features
-    return _flush(
-        _take(
-            x.reshape(-1),
-            row.reshape(*[1] * (node.ndim - 1), batch) + _take(feature.astype(jnp.uint32), node),
-        )
-    )
-
-
-def _child(feature: Array, threshold: Array, x: Array, node: Array) -> Array:
-    """Where the observations that are at these nodes [..., B] go next."""
-    left = _value(feature, x, node) <= _take(threshold, node)
-    return 2 * node + jnp.where(left, 1, 2).astype(jnp.uint32)
+    at = row.reshape(*[1] * (node.ndim - 1), batch) + _take(feature.astype(jnp.uint32), node)
+    value = _flush(_take(x.reshape(-1), at))
+    limit = _take(threshold, node)
+    child = 2 * node + jnp.where(value <= limit, 1, 2).astype(jnp.uint32)
+    return child, limit - value
 
 
 def _depth(num_nodes: int) -> int:
@@ -236,7 +239,7 @@ def _check(feature_logits: Array, thresholds: Array, leaf_values: Array, x: Arra
     if not 1 <= depth <= MAX_DEPTH:
         raise ValueError(
             f"depth must be between 1 and {MAX_DEPTH}, got {depth} (leaf_values has {num_leaves} rows); "
-            "grow a deeper tree from several of these"
+            "use fewer leaves: as many again for each level make a tree that nobody reads"
         )
     if x.shape[1] < 1:
         raise ValueError(f"x must have at least one feature, got shape {x.shape}")
