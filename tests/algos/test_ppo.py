@@ -155,9 +155,9 @@ def test_one_step_is_adamw_in_numpy():
     for name, rate in rates.items():
         decay = 0.05 if name in ("feature_logits", "leaf_values") else 0
         expected = adamw(getattr(networks.actor, name), getattr(gradient.actor, name), rate, decay)
-        np.testing.assert_allclose(getattr(now.actor, name), expected, rtol=1e-5, atol=5e-6, err_msg=name)
+        np.testing.assert_allclose(getattr(now.actor, name), expected, rtol=1e-4, atol=1e-5, err_msg=name)
     expected = jax.tree.map(lambda p, g: adamw(p, g, 0.5, 0), networks.critic, gradient.critic)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=5e-6), now.critic, expected)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), now.critic, expected)
 
 
 @pytest.mark.parametrize("still", ["feature_logits", "thresholds", "leaf_values", "log_std", "critic"])
