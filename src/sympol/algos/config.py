@@ -96,6 +96,9 @@ class PPOConfig:
     reduce_lr: bool = False
     """Halve the learning rates when the validation return has not improved for five evaluations."""
 
+    rollback: bool = False
+    """When reduce_lr halves the learning rates, go on from the best tree, not from the last."""
+
     select_best: bool = True
     """Return the tree with the best validation return, not the last one."""
 

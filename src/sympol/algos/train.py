@@ -32,7 +32,7 @@ from .collect_host import HostCollector
 from .config import Hyperparameters, PPOConfig
 from .init import init_state, normalizer_of, purpose_key, refit_normalizer
 from .ppo import learn
-from .state import Episodes, TrainState
+from .state import Episodes, TrainState, tree_where
 from .validate import validate
 
 Segment = Callable[[Hyperparameters, Any, TrainState, Any, Any], TrainState]
@@ -115,7 +115,11 @@ def with_score(config: PPOConfig, state: TrainState, score: Array) -> TrainState
     validation = state.validation.update(
         score, state.timestep, state.networks.actor, reduce_lr=config.reduce_lr
     )
-    return state._replace(validation=validation)
+    networks = state.networks
+    if config.rollback:
+        halved = validation.lr_factor < state.validation.lr_factor
+        networks = networks._replace(actor=tree_where(halved, validation.best_actor, networks.actor))
+    return state._replace(validation=validation, networks=networks)
 
 
 class Trainer(abc.ABC):
