@@ -54,8 +54,8 @@ def losses(depth: int, batch: int, features: int) -> dict[str, tuple[Loss, Any]]
         return jnp.sum(h * w)
 
     return {
-        "textbook": (lambda p: jnp.sum(textbook_tree(*p, x) * w), tree),
-        "hard_tree": (lambda p: jnp.sum(hard_tree(*p, x) * w), tree),
+        "textbook": (lambda p: jnp.sum(textbook_tree(p[0], p[1], p[2], x) * w), tree),
+        "hard_tree": (lambda p: jnp.sum(hard_tree(p[0], p[1], p[2], x) * w), tree),
         "mlp": (mlp_loss, mlp),
     }
 

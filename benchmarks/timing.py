@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import importlib.metadata
 import json
 import os
@@ -27,30 +26,26 @@ class Timing(NamedTuple):
     median: float
 
 
-def interleaved(
-    variants: Mapping[str, Callable[[], Any]], repeats: int = 30, seconds: float | None = None
-) -> dict[str, Timing]:
+def interleaved(variants: Mapping[str, Callable[[], Any]], repeats: int = 30) -> dict[str, Timing]:
     """Time ``variants`` in turns, so that a busy moment of the machine meets all of them.
 
-    Each is called once before (it compiles there); then at least ``repeats`` rounds, and more until
-    ``seconds`` have passed. A variant returns its arrays; the clock stops when they are ready.
+    Each is called twice before (it compiles there). Then in each of ``repeats`` rounds every variant is called at
+    least once and for about 10 ms, every call timed alone: a short one gets its chance of an undisturbed moment as a
+    long one does. A variant returns its arrays; the clock stops when they are ready.
     """
-    for call in variants.values():
+
+    def timed(call: Callable[[], Any]) -> float:
+        start = time.perf_counter()
         jax.block_until_ready(call())
+        return time.perf_counter() - start
+
+    for call in variants.values():
+        timed(call)
+    calls = {name: max(1, min(100, int(0.01 / timed(call)))) for name, call in variants.items()}
     samples: dict[str, list[float]] = {name: [] for name in variants}
-    collecting = gc.isenabled()
-    gc.disable()
-    end, rounds = time.perf_counter() + (seconds or 0), 0
-    try:
-        while rounds < repeats or time.perf_counter() < end:
-            rounds += 1
-            for name, call in variants.items():
-                start = time.perf_counter()
-                jax.block_until_ready(call())
-                samples[name].append(time.perf_counter() - start)
-    finally:
-        if collecting:
-            gc.enable()
+    for _ in range(repeats):
+        for name, call in variants.items():
+            samples[name] += [timed(call) for _ in range(calls[name])]
     return {name: Timing(min(times), median(times)) for name, times in samples.items()}
 
 
