@@ -52,8 +52,9 @@ def normalizer_of(space: Bounded, config: PPOConfig) -> tuple[Normalizer, np.nda
     bounded = (np.abs(low) < UNBOUNDED) & (np.abs(high) < UNBOUNDED) & (high > low)
     scaled = bounded & config.normalize_obs
     low, high = np.where(scaled, low, -1), np.where(scaled, high, 1)
-    shift, scale = ((low + high) / 2).astype(np.float32), (2 / (high - low)).astype(np.float32)
-    return Normalizer(jnp.asarray(shift), jnp.asarray(scale)), bounded | (not config.normalize_obs)
+    # constants of the program, in NumPy: making them JAX arrays here would compile two programs more
+    affine: Any = ((low + high) / 2).astype(np.float32), (2 / (high - low)).astype(np.float32)
+    return Normalizer(*affine), bounded | (not config.normalize_obs)
 
 
 def refit_normalizer(normalizer: Normalizer, rollout: Transition, bounded: np.ndarray) -> Normalizer:

@@ -187,8 +187,16 @@ class _Compiled:
         return self._executable(*arguments)  # pyright: ignore[reportOptionalCall]
 
 
-@functools.lru_cache(maxsize=8)
 def _program(env: Env, config: PPOConfig) -> _Compiled:
+    try:
+        hash(env)
+    except TypeError:  # nothing to know it by: compiled anew for each training
+        return _Compiled(*make_segment(env, config))
+    return _known_program(env, config)
+
+
+@functools.lru_cache(maxsize=8)
+def _known_program(env: Env, config: PPOConfig) -> _Compiled:
     return _Compiled(*make_segment(env, config))
 
 
