@@ -7,6 +7,7 @@ import dataclasses
 import difflib
 import io
 import json
+import shlex
 import signal
 import sys
 import threading
@@ -139,6 +140,8 @@ def train(arguments: Sequence[str]) -> int:
         given = _parse_train(arguments)
         if given.eval_episodes < 1:
             raise ValueError(f"--eval-episodes must be at least 1, got {given.eval_episodes}")
+        if not given.env:
+            raise ValueError("name an environment, as in: sympol train CartPole-v1")
         spec = resolve(given.env, backend=given.backend)
         agent = PPO("tree", spec, seed=given.seed, **dataclasses.asdict(given.config))
         if given.resume:
@@ -198,12 +201,13 @@ def show(arguments: Sequence[str]) -> int:
         given = _parse(Show, "show", arguments)
         run = Run.open(given.run)
         tree, summary = run.load_tree(), run.load_summary()
+        try:
+            words = "" if summary is None else _summary_words(summary)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
         out.print(tree.to_text(), markup=False)
-        if summary is not None:
-            try:
-                _print_summary(summary)
-            except (KeyError, TypeError, ValueError) as error:
-                raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
+        if words:
+            out.print(words)
         return 0
     return 2
 
@@ -402,7 +406,7 @@ def _learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboa
         print(json.dumps(summary))
     else:
         out.print(run.load_tree().to_text(), markup=False)
-        _print_summary(summary)
+        out.print(_summary_words(summary))
         _print_next(run.path)
     return 0
 
@@ -414,7 +418,7 @@ def _stopped(agent: PPO, run: Run, stop: BaseException) -> int:
         if agent.state is not None:
             run.save_checkpoint(agent.state)  # what the failed segment had come to
     at = f"saved at step {agent.num_timesteps:,}" if agent.state is not None else "nothing is trained yet"
-    err.print(f"{at}; go on with: sympol resume {run.path}", markup=False)
+    err.print(f"{at}; go on with: sympol resume {shlex.quote(str(run.path))}", markup=False)
     return 130 if isinstance(stop, KeyboardInterrupt) else 1
 
 
@@ -476,31 +480,34 @@ def _finish(agent: PPO, run: Run, eval_episodes: int) -> dict[str, Any]:
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
 
 
-def _print_summary(summary: dict[str, Any]) -> None:
-    out.print()
+def _summary_words(summary: dict[str, Any]) -> str:
+    """What a run earned, its size and its time; everything put in is a number."""
+    lines = [""]
     if "return_mean" in summary:
-        out.print(
+        lines.append(
             f"return   [bold]{summary['return_mean']:,.1f}[/] ± {summary['return_std']:,.1f} over "
-            f"{summary['episodes']} test episodes on Gymnasium (sampling its actions: "
+            f"{summary['episodes']:,} test episodes on Gymnasium (sampling its actions: "
             f"{summary['sampled_return_mean']:,.1f})"
         )
-    out.print(
-        f"size     [bold]{summary['nodes']}[/] nodes, {summary['leaves']} leaves, depth {summary['depth']} "
-        f"(before pruning {summary['nodes_unpruned']} nodes)"
+    lines.append(
+        f"size     [bold]{summary['nodes']:,}[/] nodes, {summary['leaves']:,} leaves, depth {summary['depth']:,} "
+        f"(before pruning {summary['nodes_unpruned']:,} nodes)"
     )
     if "training_seconds" in summary:
-        out.print(
+        lines.append(
             f"time     {summary['wall_seconds']:.1f} s in all: {summary['compile_seconds']:.1f} s compiling, "
             f"{summary['training_seconds']:.1f} s training at {summary['steps_per_second']:,} steps/s"
         )
+    return "\n".join(lines)
 
 
 def _print_next(path: Path) -> None:
     out.print()
+    run = shlex.quote(str(path))
     for command, what in (
-        (f"sympol show {path}", "this tree again"),
-        (f"sympol eval {path} --episodes 100 --seed 7", "more test episodes"),
-        (f"sympol export {path} --to python", "the policy as a program without dependencies"),
+        (f"sympol show {run}", "this tree again"),
+        (f"sympol eval {run} --episodes 100 --seed 7", "more test episodes"),
+        (f"sympol export {run} --to python", "the policy as a program without dependencies"),
     ):
         out.print(f"  {command:<55} {what}", style="dim", markup=False)
     out.print(f"  {path / 'tree.svg'!s:<55} the picture", style="dim", markup=False)

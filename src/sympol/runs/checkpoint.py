@@ -58,8 +58,8 @@ def save(folder: Path, state: Any, timestep: int) -> Path:
 
 
 def has_checkpoints(folder: Path) -> bool:
-    """Whether there is any, whole or damaged."""
-    return any(folder.glob("*.json")) or any(folder.glob("*.safetensors"))
+    """Whether any was ever finished, be it damaged now."""
+    return any(folder.glob("*.json"))
 
 
 def load_latest(folder: Path, like: State) -> tuple[State, int]:

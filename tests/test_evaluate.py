@@ -1,0 +1,138 @@
+"""What is reported is measured on episodes that nothing else has seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Discrete
+
+import sympol
+from sympol.algos.collect_host import host_seed
+from sympol.envs.host import HostEnvs
+from sympol.envs.registry import resolve
+from sympol.envs.spaces import Features
+from sympol.evaluate import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
+from sympol.trees import BoxActions, DecisionTree, DiscreteActions
+
+from .tiny import Chain
+
+BALANCE = DecisionTree.from_complete(
+    np.array([3]), np.array([0.0]), np.array([[1.0, -1.0], [-1.0, 1.0]]), actions=DiscreteActions(2),
+    feature_low=np.full(4, -np.inf),
+)  # fmt: skip
+
+
+class OneByOne:
+    """What stable-baselines3's models look like from outside."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ):
+        assert deterministic
+        return BALANCE.predict(observation), None
+
+
+def test_a_tree_and_anything_with_predict_play_the_same_episodes():
+    many = sympol.evaluate_policy(BALANCE, "CartPole-v1", 5, seed=3, return_episode_rewards=True)
+    single = sympol.evaluate_policy(OneByOne(), "CartPole-v1", 5, seed=3, return_episode_rewards=True)
+    assert many == single
+    assert many[0] == [float(length) for length in many[1]]
+    mean, std = sympol.evaluate_policy(BALANCE, "CartPole-v1", 5, seed=3)
+    assert (mean, std) == (np.mean(many[0]), np.std(many[0]))
+
+
+def test_an_id_an_object_and_a_factory_are_played_alike():
+    def make() -> gymnasium.Env:
+        return gymnasium.make("CartPole-v1")
+
+    results = [sympol.evaluate_policy(BALANCE, env, 4) for env in ("CartPole-v1", make, make())]
+    assert results[0] == results[1] == results[2]
+    alone = gymnasium.wrappers.TimeLimit(gymnasium.make("CartPole-v1").unwrapped, 500)
+    alone.unwrapped.spec = None
+    assert sympol.evaluate_policy(BALANCE, alone, 4) == results[0]
+    alone.reset()  # the user's own object is still open
+
+
+def test_a_seed_repeats_its_episodes_and_another_brings_others():
+    def returns(seed: int, *, deterministic: bool = True) -> list[float]:
+        arguments = {"seed": seed, "deterministic": deterministic, "return_episode_rewards": True}
+        return sympol.evaluate_policy(BALANCE, "CartPole-v1", 8, **arguments)[0]
+
+    assert returns(0) == returns(0) != returns(1)
+    assert returns(0, deterministic=False) == returns(0, deterministic=False) != returns(0)
+
+
+def test_training_validation_and_test_share_no_seed():
+    """Of 50 runs: all test episodes of seeds 0 to 49, and all resets of all copies at 21 timesteps."""
+    features = Features.of(Box(-1, 1, (2,)))
+    test = {episode_seed(seed, episode) for seed in range(50) for episode in range(200)}
+    given: dict[str, set[int]] = {"train": set(), "validation": set()}
+    envs = [Chain(Box(-1, 1, (2,)), Discrete(2)) for _ in range(8)]
+    left = iter(envs)
+    host = HostEnvs(lambda: next(left), 8, features)
+    for seed in range(50):
+        for purpose, timesteps in (("train", range(0, 10_500, 500)), ("validation", (0,))):
+            for timestep in timesteps:
+                host.reset(host_seed(seed, purpose, timestep))
+                given[purpose] |= {env.seeds[-1] for env in envs}  # pyright: ignore
+    assert len(test) == 50 * 200
+    assert len(given["train"]) == 50 * 21 * 8
+    assert len(given["validation"]) == 50 * 8
+    assert not test & given["train"]
+    assert not test & given["validation"]
+    assert not given["train"] & given["validation"]
+    # not by luck: the ones are odd, the others even
+    assert {seed % 2 for seed in test} == {1}
+    assert {seed % 2 for seed in given["train"] | given["validation"]} == {0}
+
+
+class Endless(gymnasium.Env):
+    observation_space, action_space = Box(-1, 1, (1,)), Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(1, np.float32), 1.0, False, False, {}
+
+
+def test_an_episode_without_end_is_cut():
+    tree = DecisionTree.from_complete(np.zeros(0, int), np.zeros(0), np.eye(2)[:1], actions=DiscreteActions(2),
+                                      feature_names=["x"])  # fmt: skip
+    assert sympol.evaluate_policy(tree, Endless, 1) == (MAX_EPISODE_STEPS, 0)
+
+
+def test_sampling_draws_from_the_leaf_s_distribution():
+    x, rng = np.zeros((20_000, 4)), np.random.default_rng(0)
+    chance = BALANCE.predict_proba(x)[0, 1]
+    assert abs(sample_actions(BALANCE, x, rng).mean() - chance) < 0.01
+    gauss = DecisionTree.from_complete(
+        np.zeros(0, int), np.zeros(0), np.array([[0.5]]), feature_names=["x"],
+        actions=BoxActions((-10.0,), (10.0,), (1,), std=(0.25,)),
+    )  # fmt: skip
+    drawn = sample_actions(gauss, x[:, :1], rng)
+    assert (abs(drawn.mean() - 0.5) < 0.01, abs(drawn.std() - 0.25) < 0.01) == (True, True)
+
+
+def test_the_observations_acted_on_are_reported():
+    spec = resolve("CartPole-v1", backend="host")
+    episodes = play(BALANCE, spec, 3, seed=0)
+    assert episodes.observations.shape == (int(episodes.lengths.sum()), 4)
+    assert BALANCE.with_visits(episodes.observations).n_node_samples[0] == episodes.lengths.sum()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"n_eval_episodes": 0}, "n_eval_episodes must be at least 1, got 0"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
+        ({"env": "CartPoel-v1"}, "did you mean 'CartPole-v1'"),
+        ({"env": "Pendulum-v1"}, r"expected observations of shape \[4\]"),
+    ],
+)
+def test_bad_input(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        sympol.evaluate_policy(BALANCE, **{"env": "CartPole-v1", **arguments})
