@@ -43,6 +43,7 @@ class Hyperparameters(NamedTuple):
     vf_coef: Any
     log_std_init: Any
     reward_scale: Any
+    threshold_std_init: Any
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,10 @@ class PPOConfig:
     log_std_init: float = 0.0
     """Initial log standard deviation (continuous actions)."""
 
+    threshold_std_init: float = 0.5
+    """Initial standard deviation of the thresholds, in scaled units. Splits that lie beyond what is visited at first
+    decide nothing and hardly learn."""
+
     reward_scale: float = 1.0
     """Rewards are multiplied by this for learning (never in reports); the critic likes returns of about 1."""
 
@@ -255,6 +260,7 @@ _RANGES: tuple[tuple[str, float, float], ...] = (
     ("vf_coef", 0, 100),
     ("log_std_init", -10, 3),
     ("reward_scale", 1e-9, 1e9),
+    ("threshold_std_init", 0, 1000),
     ("temperature", 2**-10, 2**10),
 )
 

@@ -82,6 +82,7 @@ def init_networks(
         "num_features": num_features,
         "surrogate": config.surrogate,
         "temperature": config.temperature,
+        "threshold_std": hyper.threshold_std_init,
     }
     actor = Tree.create(
         actor_key,

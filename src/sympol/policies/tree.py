@@ -48,6 +48,7 @@ class Tree(eqx.Module):
         num_outputs: int,
         num_std: int = 0,
         log_std: Float[Array, ""] | float = 0.0,
+        threshold_std: Float[Array, ""] | float = 0.5,
         surrogate: Surrogate = "sigmoid",
         temperature: float = 1.0,
     ) -> Tree:
@@ -56,7 +57,7 @@ class Tree(eqx.Module):
         nodes = 2**depth - 1
         return Tree(
             feature_logits=0.1 * jax.random.normal(logits_key, (nodes, num_features)),
-            thresholds=0.5 * jax.random.normal(thresholds_key, (nodes, num_features)),
+            thresholds=threshold_std * jax.random.normal(thresholds_key, (nodes, num_features)),
             leaf_values=0.01 * jax.random.normal(leaves_key, (nodes + 1, num_outputs)),
             log_std=jnp.full((num_std,), log_std),
             surrogate=surrogate,
