@@ -23,8 +23,8 @@ BELOW: dict[str, set[str]] = {
     "algos": {"types", "functional", "policies", "envs", "trees"},
     "distill": {"types", "functional", "policies", "envs", "trees", "algos"},
     "compilation": set(),
-    "evaluate": {"types", "functional", "policies", "envs", "trees"},
-    "runs": {"types", "functional", "policies", "envs", "trees", "algos", "compilation", "evaluate"},
+    "evaluate": {"types", "envs", "trees"},
+    "runs": {"types", "envs", "trees", "algos"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
 TOP = ["agents", "experiments", "commands", "cli"]

@@ -70,6 +70,7 @@ def test_the_ends_of_every_range_are_allowed(name):
 
 def test_words_and_shapes():
     assert "softsign" in refused("surrogate", "tanh")
+    assert "power of two, got 0.3" in refused("temperature", 0.3)
     assert "mlp, tree" in refused("critic", "forest")
     assert "(64, 0)" in refused("critic_hidden", (64, 0))
     assert "(64, 8.5)" in refused("critic_hidden", (64, 8.5))

@@ -28,7 +28,9 @@ ODD = np.float32([np.inf, -np.inf, np.nan])
 NUM_FEATURES, NUM_POLICIES, BATCH = 4, 5, 200_000
 
 
-def random_policy(space: gymnasium.Space, seed: int) -> tuple[Tree, Normalizer, DecisionTree]:
+def random_policy(
+    space: gymnasium.Space, seed: int, temperature: float = 1.0
+) -> tuple[Tree, Normalizer, DecisionTree]:
     rng = np.random.default_rng(seed)
     distribution = distribution_of(space)
     actor = Tree.create(
@@ -37,6 +39,7 @@ def random_policy(space: gymnasium.Space, seed: int) -> tuple[Tree, Normalizer, 
         num_features=NUM_FEATURES,
         num_outputs=distribution.num_outputs,
         num_std=distribution.num_std,
+        temperature=temperature,
     )
     # leaves far enough apart to act differently, with ties among them
     values = np.round(2 * rng.normal(size=actor.leaf_values.shape)).astype(np.float32) / 2
@@ -96,3 +99,12 @@ def test_one_observation_is_the_batch_of_one():
     together = np.asarray(actor(normalizer(jnp.asarray(x))))
     alone = [np.asarray(actor(normalizer(jnp.asarray(row[None]))))[0] for row in x]
     np.testing.assert_array_equal(together, alone)
+
+
+@pytest.mark.parametrize("temperature", [2**-10, 0.25, 2**10])
+def test_the_temperature_of_the_surrogate_moves_no_decision(temperature):
+    """The differentiable tree is the tree that acts, beside its thresholds too, whatever the backward pass does."""
+    for seed in range(3):
+        actor, normalizer, tree = random_policy(SPACES["discrete"], seed, temperature)
+        x = normalizer(jnp.asarray(observations(tree, normalizer, seed)))
+        np.testing.assert_array_equal(np.asarray(actor(x)), np.asarray(actor.rollout()(x)))

@@ -39,7 +39,8 @@ class HostCollector:
             actor: Tree, normalizer: Normalizer, key: Array, step: Int[Array, ""], observation: Array
         ) -> tuple[Array, Array]:
             outputs = actor.rollout()(normalizer(observation))
-            noise_key = jax.random.fold_in(jax.random.wrap_key_data(key), step)
+            # the update splits the same key in two, and JAX's split(key)[i] is fold_in(key, i): so not 0, not 1
+            noise_key = jax.random.fold_in(jax.random.fold_in(jax.random.wrap_key_data(key), 2), step)
             noise = distribution.noise(noise_key, (config.num_envs,))
             action = distribution.sample(outputs, actor.log_std, noise)
             return action, distribution.to_env(action)

@@ -61,7 +61,7 @@ class PPOConfig:
 
     temperature: float = 1.0
     """Going backward the step is S(z / temperature): the lower, the narrower the strip around a threshold whose
-    observations move it."""
+    observations move it. A power of two, so that the division is exact."""
 
     critic: Literal["mlp", "tree"] = "mlp"
     """The value function: an MLP, or a tree of the actor's architecture (an ablation of the paper)."""
@@ -177,6 +177,11 @@ class PPOConfig:
         for name, choices in (("surrogate", ("sigmoid", "softsign")), ("critic", ("mlp", "tree"))):
             if getattr(self, name) not in choices:
                 raise ConfigError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
+        if math.frexp(self.temperature)[0] != 0.5:
+            raise ConfigError(
+                f"temperature must be a power of two, got {self.temperature}: dividing by anything else rounds, and "
+                "would move observations across their thresholds"
+            )
         if any(width < 1 for width in self.critic_hidden):
             raise ConfigError(f"critic_hidden must hold positive widths, got {self.critic_hidden}")
         if self.total_timesteps < self.chunk_size:

@@ -1,0 +1,208 @@
+"""Training on Gymnasium environments: the same update, fed by the host."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import jax
+import numpy as np
+import pytest
+
+from sympol.algos.collect_host import HostCollector, host_seed
+from sympol.algos.config import PPOConfig
+from sympol.algos.state import TrainState
+from sympol.algos.train import HostTrainer, Trainer, make_trainer
+from sympol.envs.host import EnvironmentFailure
+from sympol.envs.registry import EnvSpec, resolve
+from sympol.policies.distributions import distribution_of
+
+CONFIG = PPOConfig(
+    depth=2,
+    num_envs=4,
+    num_steps=16,
+    total_timesteps=8 * 4 * 64,
+    minibatch_size=32,
+    num_epochs=4,
+    critic_hidden=(8,),
+    num_eval_episodes=4,
+    learning_rate_leaf_values=0.05,
+    learning_rate_critic=0.01,
+)
+
+
+class SignedReward(gymnasium.Env):
+    """Observes ±1 (drawn anew each step) and what happened; action 1 pays the observation. Ends after 8 steps."""
+
+    observation_space = gymnasium.spaces.Box(-1, 1, (2,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2, start=3)
+
+    def __init__(self, fails_at: int | None = None, reward: float = 1.0) -> None:
+        self.fails_at, self.scale, self.total = fails_at, reward, 0
+
+    def _observe(self) -> np.ndarray:
+        self.sign = self.np_random.choice([-1.0, 1.0])
+        return np.float32([self.sign, self.np_random.uniform(-1, 1)])
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:
+        super().reset(seed=seed)
+        self.time = 0
+        return self._observe(), {}
+
+    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict]:
+        assert self.action_space.contains(action)
+        self.time, self.total = self.time + 1, self.total + 1
+        if self.fails_at is not None and self.total > self.fails_at:
+            raise RuntimeError("out of order")
+        reward = self.scale * (self.sign if action == 4 else -self.sign)
+        return self._observe(), reward, False, self.time >= 8, {}
+
+
+def spec_of(make: Callable[[], gymnasium.Env] = SignedReward) -> EnvSpec:
+    return resolve(make)
+
+
+def train(spec: EnvSpec, cuts: list[int], seed: int = 0, config: PPOConfig = CONFIG) -> TrainState:
+    trainer: Trainer = HostTrainer(spec, config, seed)
+    try:
+        state = None
+        for stop in cuts:
+            state = trainer.advance(state, stop)
+        assert state is not None
+        return state
+    finally:
+        trainer.close()
+
+
+def assert_same_bits(a: Any, b: Any) -> None:
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        assert np.asarray(x).tobytes() == np.asarray(y).tobytes()
+
+
+@pytest.fixture(scope="module")
+def trained() -> TrainState:
+    return train(spec_of(), [1024, 2048])
+
+
+def test_it_learns(trained):
+    assert float(trained.validation.last_return) > 7  # of 8; acting at random earns 0
+    assert int(trained.timestep) >= 2048
+    assert int(trained.episodes.num_ended) > 100
+
+
+def test_same_seed_same_bits(trained):
+    assert_same_bits(train(spec_of(), [1024, 2048]), trained)
+
+
+def test_another_seed_is_another_training(trained):
+    other = train(spec_of(), [1024], seed=1).networks.actor
+    assert not np.any(np.asarray(other.thresholds) == np.asarray(trained.networks.actor.thresholds))
+
+
+def test_a_state_saved_in_between_goes_on_to_the_same_bits(trained):
+    """A new process would do the same: nothing is left over from the first trainer but the arrays."""
+    first = train(spec_of(), [1024])
+    saved = jax.tree.map(lambda a: np.array(a), first)
+    trainer = HostTrainer(spec_of(), CONFIG, 0)
+    assert jax.tree.map(np.shape, trainer.template()) == jax.tree.map(np.shape, saved)
+    assert_same_bits(trainer.advance(saved, 2048), trained)
+    trainer.close()
+
+
+def test_a_failure_names_the_step_and_leaves_the_last_update():
+    """Four copies step together: their 100th step comes in the second rollout, after 64 of 16 steps × 4."""
+    trainer = HostTrainer(spec_of(lambda: SignedReward(fails_at=40)), CONFIG, 0)
+    with pytest.raises(EnvironmentFailure, match=r"at training step 160: environment 0 .*out of order"):
+        trainer.advance(None, 2048)
+    latest: Any = trainer.latest
+    assert int(latest.timestep) == 128
+    assert int(latest.iteration) == 2
+    trainer.close()
+
+
+def test_a_reward_that_is_not_finite_names_the_step():
+    trainer = HostTrainer(spec_of(lambda: SignedReward(reward=np.nan)), CONFIG, 0)
+    with pytest.raises(EnvironmentFailure, match=r"at training step 0: .*reward .*not finite"):
+        trainer.advance(None, 2048)
+    trainer.close()
+
+
+@pytest.mark.slow
+def test_cartpole_through_gymnasium_learns():
+    spec = resolve("CartPole-v1", backend="host")
+    config = PPOConfig(
+        depth=2,
+        num_envs=8,
+        num_steps=64,
+        dynamic_rollout=False,
+        total_timesteps=20_480,
+        minibatch_size=64,
+        critic_hidden=(16,),
+        num_eval_episodes=8,
+        learning_rate_leaf_values=0.05,
+        learning_rate_thresholds=0.01,
+        learning_rate_feature_logits=0.03,
+        learning_rate_critic=0.003,
+    )
+    assert isinstance(make_trainer(spec, config, 0), HostTrainer)
+    returns = [train(spec, [20_480], seed, config).validation.last_return for seed in range(3)]
+    assert np.mean(returns) > 2 * 22  # what acting at random earns is 22
+
+
+def test_the_rollout_of_the_host_is_true():
+    """Fresh noise at every step, auto-reset without a leak, actions counted from zero."""
+    spec = spec_of()
+    distribution = distribution_of(spec.action_space)
+    collector = HostCollector(spec, distribution, CONFIG)
+    state = HostTrainer(spec, CONFIG, 0)._begin(CONFIG.hyperparameters(), np.uint32(0))
+    collector.begin(0, 0)
+    rollout, after = collector.collect(state, 2)
+    collector.close()
+    observation, last = (np.concatenate(a[:2]) for a in (rollout.observation, rollout.last_observation))
+    done = np.concatenate(rollout.truncated[:2])
+    assert not np.any(rollout.terminated)
+    np.testing.assert_array_equal(np.flatnonzero(done[:, 0]), [7, 15, 23, 31])
+    following = np.concatenate([observation[1:], after[None]])
+    np.testing.assert_array_equal(following[~done], last[~done])
+    assert not np.any(following[done][:, 1] == last[done][:, 1])
+    numbers = observation[..., 1].ravel()
+    assert len(np.unique(numbers)) == len(numbers)  # no two copies, steps or episodes share a seed
+    action = np.concatenate(rollout.action[:2])
+    assert action.dtype == np.int32
+    assert set(np.unique(action)) == {0, 1}
+    assert len({tuple(row) for row in action.tolist()}) > 8  # of 16 patterns over four copies
+    sign = np.where(action == 1, 1, -1) * observation[..., 0]
+    np.testing.assert_array_equal(np.concatenate(rollout.reward[:2]), sign)
+
+
+def test_the_noise_of_the_policy_comes_from_keys_of_its_own():
+    """Not from those that the update makes of the same key: split(key)[i] is fold_in(key, i)."""
+    spec = resolve("Pendulum-v1", backend="host")
+    config = dataclasses.replace(CONFIG, num_envs=2)
+    distribution = distribution_of(spec.action_space)
+    collector = HostCollector(spec, distribution, config)
+    state = HostTrainer(spec, config, 0)._begin(config.hyperparameters(), np.uint32(0))
+    collector.begin(0, 0)
+    actions = np.concatenate(collector.collect(state, 1)[0].action[:1]).ravel()
+    collector.close()
+    assert len(np.unique(actions)) == len(actions)
+    key = jax.random.wrap_key_data(state.key)
+    for taken in jax.random.split(key, 2):
+        noise = np.asarray(distribution.noise(taken, (2,)))
+        # the leaves are near zero and the deviation is 1: an action is its noise, all but
+        assert np.abs(actions[:, None] - noise.ravel()[None]).min(axis=0).max() > 1e-3
+    mean = np.abs(np.asarray(state.networks.actor.leaf_values)).max()
+    assert mean < 0.05
+
+
+def test_host_seeds_never_meet():
+    seeds = {
+        host_seed(seed, purpose, timestep)
+        for seed in range(20)
+        for purpose in ("init", "train", "validation")
+        for timestep in (0, 64, 128, 4096)
+    }
+    assert len(seeds) == 20 * 3 * 4
+    assert all(0 <= seed < 2**63 for seed in seeds)
