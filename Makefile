@@ -4,7 +4,7 @@ ENV ?= CartPole-v1
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench clean
+.PHONY: help install train test lint docs bench clean
 
 help:            ## what there is
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/'
@@ -24,7 +24,10 @@ lint: install    ## ruff and pyright
 	.venv/bin/ruff format --check .
 	.venv/bin/pyright
 
-test: lint       ## everything CI runs
+docs: install    ## the documentation, into site/; a broken link is an error
+	.venv/bin/mkdocs build --strict --quiet
+
+test: lint docs  ## everything CI runs
 	.venv/bin/pytest -n 2 --dist loadfile
 
 bench: install   ## measure what is claimed to be fast, into results/

@@ -150,7 +150,8 @@ def test_an_exported_program_runs_alone_and_acts_as_the_tree(run, tmp_path):
     program.write_bytes((run / "policy.py").read_bytes())
     tree = DecisionTree.from_json((run / "policy.json").read_text())
     x = np.random.default_rng(0).normal(size=(200, 4)).astype(np.float32)
-    code = f"import sys; sys.path.append({str(tmp_path)!r}); from policy import act\nprint([act(r) for r in {x.tolist()}])"
+    code = f"import sys; sys.path.append({str(tmp_path)!r}); import policy\n"
+    code += f"print([policy.act(r) for r in {x.tolist()}])"
     done = subprocess.run(
         [sys.executable, "-I", "-S", "-c", code], check=True, capture_output=True, text=True
     )
