@@ -361,6 +361,38 @@ def test_an_environment_that_fails_in_the_test_episodes(tmp_path, capsys, monkey
     assert read_summary(tmp_path / "run")["timesteps"] == 2048
 
 
+def test_continuous_actions(tmp_path, capsys):
+    words = ["Pendulum-v1", *TRAIN[1:]]
+    run = tmp_path / "run"
+    assert status_of("train", *words, "--run-dir", run, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    tree = DecisionTree.from_json((run / "policy.json").read_text())
+    assert tree.actions.std is not None
+    assert -2000 < summary["return_mean"] < 0
+    assert status_of("export", run) == 0
+    assert "torque" in capsys.readouterr().out
+    assert status_of("resume", run) == 0
+    assert read_summary(run)["return_mean"] == summary["return_mean"]
+
+
+def test_an_environment_that_is_only_in_jax(tmp_path, capsys, monkeypatch):
+    from .envs.probes import MultiDiscreteMatch
+
+    monkeypatch.setattr("sympol.envs.registry._ENTRIES", {**sympol.envs.registry._ENTRIES})
+    sympol.register(
+        "Signs-v0", MultiDiscreteMatch(), feature_names=("[1]", "[/]"), action_names=("one", "two")
+    )
+    run = tmp_path / "run"
+    assert status_of("train", "Signs-v0", *TRAIN[1:], "--run-dir", run, "--json") == 0
+    assert set(json.loads(capsys.readouterr().out)) == SUMMARY_KEYS - {
+        "return_mean", "return_std", "sampled_return_mean", "sampled_return_std", "episodes", "eval_seed",
+    }  # fmt: skip
+    assert status_of("show", run) == 0
+    assert "one: " in capsys.readouterr().out
+    assert "has no form in Gymnasium" in refused(capsys, "eval", run)
+    assert status_of("resume", run) == 0
+
+
 HOSTILE = (
     'quote " and \' and """',
     '"; import os; os.system("touch pwned") #',

@@ -19,7 +19,7 @@ from .algos.train import Trainer, make_trainer, stops
 from .compilation import use_disk_cache
 from .envs.host import EnvironmentFailure
 from .envs.registry import Backend, EnvSpec, resolve
-from .evaluate import sample_actions
+from .evaluate import fitted_actions, sample_actions
 from .policies.extract import extract_tree
 from .runs.folder import Run
 from .runs.progress import ProgressBar
@@ -166,11 +166,12 @@ class PPO:
         """
         x = self.spec.features.flatten(observation)
         tree = self.tree(prune=False)
+        space = self.spec.action_space
         if deterministic:
-            return tree.predict(x), None
+            return fitted_actions(tree.predict(x), space), None
         if not hasattr(self, "_rng"):
             self._rng = np.random.default_rng(self.seed)
-        action = sample_actions(tree, np.atleast_2d(x), self._rng)
+        action = fitted_actions(sample_actions(tree, np.atleast_2d(x), self._rng), space)
         return (action[0] if x.ndim == 1 else action), None
 
     def tree(self, *, prune: bool = True) -> DecisionTree:

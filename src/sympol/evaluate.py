@@ -108,7 +108,7 @@ def _play(
         x = np.stack([spec.features.flatten(observations[i]) for i in running])
         seen.append(x)
         actions = tree.predict(x) if deterministic else sample_actions(tree, x, rng)
-        actions = actions.astype(spec.action_space.dtype)
+        actions = fitted_actions(actions, spec.action_space)
         still = []
         for i, action in zip(running, actions, strict=True):
             observations[i], reward, terminated, truncated, _ = envs[i].step(action)
@@ -131,6 +131,15 @@ def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) 
     else:
         noise = rng.gumbel(size=values.shape)  # the largest of the noisy logits is a sample
     return tree.actions.decide(values + noise)
+
+
+def fitted_actions(actions: np.ndarray, space: gymnasium.Space) -> np.ndarray:
+    """A tree's actions in the space's own dtype and bounds.
+
+    Rounding a float64 bound to float32 may have moved it outwards, and an environment may check.
+    """
+    actions = np.asarray(actions).astype(space.dtype)[()]  # one category stays a scalar, which can be hashed
+    return np.clip(actions, space.low, space.high) if isinstance(space, gymnasium.spaces.Box) else actions
 
 
 def _play_one_by_one(
