@@ -23,20 +23,26 @@ CONFIG = PPOConfig(
     depth=2,
     num_envs=4,
     num_steps=16,
-    total_timesteps=8 * 4 * 64,
+    total_timesteps=16_384,
     minibatch_size=32,
     num_epochs=4,
     critic_hidden=(8,),
-    num_eval_episodes=4,
+    num_eval_episodes=8,
+    learning_rate_feature_logits=0.03,
+    learning_rate_thresholds=0.01,
     learning_rate_leaf_values=0.05,
-    learning_rate_critic=0.01,
+    learning_rate_critic=0.005,
 )
+CARTPOLE = resolve("CartPole-v1", backend="host")
 
 
 class SignedReward(gymnasium.Env):
-    """Observes ±1 (drawn anew each step) and what happened; action 1 pays the observation. Ends after 8 steps."""
+    """Observes ±1 and three random numbers, drawn anew each step; action 1 pays the first. Ends after 8 steps.
 
-    observation_space = gymnasium.spaces.Box(-1, 1, (2,), np.float32)
+    Its space is CartPole's, so that the compiled update is the same.
+    """
+
+    observation_space = CARTPOLE.observation_space
     action_space = gymnasium.spaces.Discrete(2, start=3)
 
     def __init__(self, fails_at: int | None = None, reward: float = 1.0) -> None:
@@ -44,7 +50,7 @@ class SignedReward(gymnasium.Env):
 
     def _observe(self) -> np.ndarray:
         self.sign = self.np_random.choice([-1.0, 1.0])
-        return np.float32([self.sign, self.np_random.uniform(-1, 1)])
+        return np.concatenate([[self.sign], self.np_random.uniform(-1, 1, 3)]).astype(np.float32)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:
         super().reset(seed=seed)
@@ -131,23 +137,8 @@ def test_a_reward_that_is_not_finite_names_the_step():
 
 @pytest.mark.slow
 def test_cartpole_through_gymnasium_learns():
-    spec = resolve("CartPole-v1", backend="host")
-    config = PPOConfig(
-        depth=2,
-        num_envs=8,
-        num_steps=64,
-        dynamic_rollout=False,
-        total_timesteps=20_480,
-        minibatch_size=64,
-        critic_hidden=(16,),
-        num_eval_episodes=8,
-        learning_rate_leaf_values=0.05,
-        learning_rate_thresholds=0.01,
-        learning_rate_feature_logits=0.03,
-        learning_rate_critic=0.003,
-    )
-    assert isinstance(make_trainer(spec, config, 0), HostTrainer)
-    returns = [train(spec, [20_480], seed, config).validation.last_return for seed in range(3)]
+    assert isinstance(make_trainer(CARTPOLE, CONFIG, 0), HostTrainer)
+    returns = [train(CARTPOLE, [16_384], seed).validation.last_return for seed in range(3)]
     assert np.mean(returns) > 2 * 22  # what acting at random earns is 22
 
 
@@ -180,7 +171,7 @@ def test_the_rollout_of_the_host_is_true():
 def test_the_noise_of_the_policy_comes_from_keys_of_its_own():
     """Not from those that the update makes of the same key: split(key)[i] is fold_in(key, i)."""
     spec = resolve("Pendulum-v1", backend="host")
-    config = dataclasses.replace(CONFIG, num_envs=2)
+    config = dataclasses.replace(CONFIG, num_envs=2, depth=1)
     distribution = distribution_of(spec.action_space)
     collector = HostCollector(spec, distribution, config)
     state = HostTrainer(spec, config, 0)._begin(config.hyperparameters(), np.uint32(0))

@@ -21,6 +21,7 @@ from tests.envs.probes import (
     MatchObservation,
     MultiDiscreteMatch,
     Probe,
+    ProbeState,
     RewardOfAction,
     TimeLimit,
     ValueOfObservation,
@@ -48,51 +49,69 @@ CONFIG = PPOConfig(
     weight_decay=0.0,
     normalize_obs=False,
 )
-ONE_FEATURE: list[Probe] = [
+ALIKE: tuple[Probe, ...] = (
     ConstantValue(),
     ValueOfObservation(),
     Discount(),
     TimeLimit(),
     RewardOfAction(),
     MatchObservation(),
-]
+    MultiDiscreteMatch(),
+)
+"""In the shape of the last one: a second feature that is zero, a second component of the action that is idle."""
 
 
 @dataclass(frozen=True, eq=False)
 class OneOf:
-    """Probes alike in shape behind one switch, which may be traced: one program for all of them."""
+    """Probes behind one switch, which may be traced: one compiled program for all of them."""
 
     which: Any
-    probes: tuple[Probe, ...]
+    max_episode_steps: int = 1000
 
     @property
     def observation_space(self) -> Any:
-        return self.probes[0].observation_space
+        return ALIKE[-1].observation_space
 
     @property
     def action_space(self) -> Any:
-        return self.probes[0].action_space
-
-    @property
-    def max_episode_steps(self) -> int:
-        return max(probe.max_episode_steps for probe in self.probes)
+        return ALIKE[-1].action_space
 
     def reset(self, key: Array) -> Any:
-        return jax.lax.switch(self.which, [probe.reset for probe in self.probes], key)
+        def branch(probe: Probe) -> Any:
+            return lambda key: _wide(probe.reset(key))
+
+        state = jax.lax.switch(self.which, [branch(probe) for probe in ALIKE], key)
+        return state, state.observation
 
     def step(self, key: Array, state: Any, action: Array) -> Any:
-        return jax.lax.switch(self.which, [probe.step for probe in self.probes], key, state, action)
+        def branch(probe: Probe) -> Any:
+            width = probe.observation_space.shape[0]
+
+            def step(key: Array, state: Any, action: Array) -> Any:
+                narrow = state._replace(observation=state.observation[:width])
+                after, result = probe.step(key, narrow, action[0] if width == 1 else action)
+                after = _wide((after, after.observation))
+                return after, result._replace(observation=after.observation)
+
+            return step
+
+        return jax.lax.switch(self.which, [branch(probe) for probe in ALIKE], key, state, action)
+
+
+def _wide(begun: tuple[ProbeState, Array]) -> ProbeState:
+    state, observation = begun
+    return state._replace(observation=jnp.zeros(2).at[: observation.shape[0]].set(observation))
 
 
 @jax.jit
 def train_one(which, seed) -> TrainState:
-    segment, empty = make_segment(OneOf(which, tuple(ONE_FEATURE)), CONFIG)
+    segment, empty = make_segment(OneOf(which), CONFIG)
     return segment(CONFIG.hyperparameters(), seed, empty, np.bool_(True), np.int32(CONFIG.total_timesteps))
 
 
 def train(env: Probe, seed: int = 0) -> TrainState:
-    if env in ONE_FEATURE:
-        return train_one(np.int32(ONE_FEATURE.index(env)), np.uint32(seed))
+    if env in ALIKE:
+        return train_one(np.int32(ALIKE.index(env)), np.uint32(seed))
     segment, empty = make_segment(env, CONFIG)
     stop = np.int32(CONFIG.total_timesteps)
     return jax.jit(segment)(CONFIG.hyperparameters(), np.uint32(seed), empty, np.bool_(True), stop)
@@ -110,33 +129,35 @@ pytestmark = pytest.mark.slow
 
 
 def test_a_constant_value():
-    np.testing.assert_allclose(values(train(ConstantValue()), [0.0]), [1], atol=0.02)
+    np.testing.assert_allclose(values(train(ConstantValue()), [0.0, 0.0]), [1], atol=0.02)
 
 
 def test_a_value_that_depends_on_the_observation():
-    np.testing.assert_allclose(values(train(ValueOfObservation()), [-1.0], [1.0]), [-1, 1], atol=0.03)
+    np.testing.assert_allclose(
+        values(train(ValueOfObservation()), [-1.0, 0.0], [1.0, 0.0]), [-1, 1], atol=0.03
+    )
 
 
 def test_a_value_a_step_later_is_discounted():
-    np.testing.assert_allclose(values(train(Discount()), [0.0], [1.0]), [GAMMA, 1], atol=0.03)
+    np.testing.assert_allclose(values(train(Discount()), [0.0, 0.0], [1.0, 0.0]), [GAMMA, 1], atol=0.03)
 
 
 def test_a_time_limit_is_no_end():
     """1 / (1 − γ) = 5, where five steps' worth would be 3.4 at most."""
-    np.testing.assert_allclose(values(train(TimeLimit()), [0.0]), [1 / (1 - GAMMA)], rtol=0.03)
+    np.testing.assert_allclose(values(train(TimeLimit()), [0.0, 0.0]), [1 / (1 - GAMMA)], rtol=0.03)
 
 
 def test_the_better_action():
     state = train(RewardOfAction())
-    assert np.diff(outputs(state, [0.0]))[0, 0] > 2
+    assert np.diff(outputs(state, [0.0, 0.0])[:, :2])[0, 0] > 2
     assert float(state.validation.last_return) == 1
 
 
 def test_the_action_that_fits_the_observation():
     state = train(MatchObservation())
-    np.testing.assert_array_equal(outputs(state, [-1.0], [1.0]).argmax(1), [0, 1])
+    np.testing.assert_array_equal(outputs(state, [-1.0, 0.0], [1.0, 0.0])[:, :2].argmax(1), [0, 1])
     assert float(state.validation.last_return) == 1
-    np.testing.assert_allclose(values(state, [-1.0], [1.0]), [1, 1], atol=0.15)
+    np.testing.assert_allclose(values(state, [-1.0, 0.0], [1.0, 0.0]), [1, 1], atol=0.15)
 
 
 def test_the_continuous_action_that_fits_the_observation():
@@ -158,4 +179,4 @@ def test_two_choices_at_once():
 def test_the_probes_are_all_here():
     from tests.envs.probes import PROBES
 
-    assert {*ONE_FEATURE, ContinuousMatch(), MultiDiscreteMatch()} == set(PROBES)
+    assert {*ALIKE, ContinuousMatch()} == set(PROBES)

@@ -96,15 +96,17 @@ def test_policy_and_tree_act_alike_on_a_million_observations(kind):
 def test_one_observation_is_the_batch_of_one():
     actor, normalizer, tree = random_policy(SPACES["discrete"], 0)
     x = observations(tree, normalizer, 0)[:50]
-    together = np.asarray(actor(normalizer(jnp.asarray(x))))
-    alone = [np.asarray(actor(normalizer(jnp.asarray(row[None]))))[0] for row in x]
+    run = jax.jit(lambda x: actor(normalizer(x)))
+    together = np.asarray(run(x))
+    alone = [np.asarray(run(row[None]))[0] for row in x]
     np.testing.assert_array_equal(together, alone)
 
 
 @pytest.mark.parametrize("temperature", [2**-10, 0.25, 2**10])
 def test_the_temperature_of_the_surrogate_moves_no_decision(temperature):
     """The differentiable tree is the tree that acts, beside its thresholds too, whatever the backward pass does."""
+    both = jax.jit(lambda actor, normalizer, x: (actor(normalizer(x)), actor.rollout()(normalizer(x))))
     for seed in range(3):
         actor, normalizer, tree = random_policy(SPACES["discrete"], seed, temperature)
-        x = normalizer(jnp.asarray(observations(tree, normalizer, seed)))
-        np.testing.assert_array_equal(np.asarray(actor(x)), np.asarray(actor.rollout()(x)))
+        differentiable, acting = both(actor, normalizer, observations(tree, normalizer, seed))
+        np.testing.assert_array_equal(np.asarray(differentiable), np.asarray(acting))
