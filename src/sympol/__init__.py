@@ -8,10 +8,14 @@
 
 from __future__ import annotations
 
+import time
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+STARTED = time.perf_counter()
+"""When sympol was first imported: where a run's wall_seconds count from."""
 
 if TYPE_CHECKING:
     from .agents import PPO, load

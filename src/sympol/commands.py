@@ -23,6 +23,7 @@ import tyro
 from rich.console import Console
 from rich.markup import escape
 
+from . import STARTED
 from .agents import PPO, Report, load
 from .algos.config import ConfigError, PPOConfig
 from .algos.presets import DEFAULT, preset
@@ -33,7 +34,6 @@ from .runs.checkpoint import DamagedCheckpoint
 from .runs.folder import Run, RunError, versions
 from .runs.metrics import TensorBoard
 
-START = time.perf_counter()
 EVAL_SEED = 1
 """Of the test episodes at the end of a training; training and validation have streams of their own."""
 
@@ -396,7 +396,7 @@ def _learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboa
             board.close()
     trained = max(1e-9, seconds - agent.compile_seconds)
     summary |= {
-        "wall_seconds": round(time.perf_counter() - START, 3),
+        "wall_seconds": round(time.perf_counter() - STARTED, 3),
         "compile_seconds": round(agent.compile_seconds, 3),
         "training_seconds": round(trained, 3),
         "steps_per_second": round((agent.num_timesteps - first) / trained),
