@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -126,6 +127,14 @@ def test_show(run, capsys):
     assert said.startswith((run / "tree.txt").read_text())
     assert "\nreturn   " in said
     assert "\nsize     " in said
+
+
+def test_a_terminal_without_unicode_still_shows_the_tree(run):
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "sympol.cli", "show", str(run)]
+    done = subprocess.run(command, check=True, capture_output=True, env=environment)
+    assert b" \\u2264 " in done.stdout
+    assert done.stderr == b""
 
 
 @pytest.mark.parametrize("kind", ["python", "json", "text"])

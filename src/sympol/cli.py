@@ -5,6 +5,7 @@ The commands are thin: each parses its arguments, calls the verbs, and prints.
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Callable, Sequence
 
@@ -24,6 +25,9 @@ MountainCarContinuous-v0 train inside one compiled program.
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit status: 0 good, 1 failed, 2 bad input, 130 interrupted."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without ≤ gets \u2264, not an error
+            stream.reconfigure(errors="backslashreplace")
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(USAGE, end="")
