@@ -237,7 +237,7 @@ def test_the_user_s_names_are_everywhere(tmp_path):
             "unknown config field 'detph'; did you mean depth",
         ),
         (("tree", "CartPole-v1"), {"gamma": float("nan")}, ConfigError, "gamma must be a number, got nan"),
-        (("tree", "CartPole-v1"), {"preset": "nope"}, ConfigError, "no preset 'nope'; it has paper"),
+        (("tree", "CartPole-v1"), {"preset": "nope"}, ConfigError, "no preset 'nope'; it has "),
         (("tree", "CartPole-v1"), {"feature_names": ["a"]}, ValueError, "must have 4 names, got 1"),
         (("tree", "CartPole-v1"), {"action_names": ["a", "a"]}, ValueError, "must differ from each other"),
         (("tree", 42), {}, TypeError, "env must be an id"),

@@ -256,7 +256,7 @@ def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
         (["CartPole-v1", "--depth"], "--depth"),
         (["CartPole-v1", "Pendulum-v1"], "unknown argument 'Pendulum-v1'"),
         (["CartPole-v1", "--seed", "-1"], "seed must be a whole number from 0"),
-        (["CartPole-v1", "--preset", "nope"], "CartPole-v1 has no preset 'nope'; it has paper"),
+        (["CartPole-v1", "--preset", "nope"], "CartPole-v1 has no preset 'nope'; it has "),
         (["CartPole-v1", "--backend", "gpu"], "invalid choice 'gpu'"),
         (["CartPole-v1", "--eval-episodes", "0"], "--eval-episodes must be at least 1, got 0"),
         (["Blackjack-v1", "--backend", "jax"], "Blackjack-v1 is not written in JAX"),
