@@ -37,7 +37,7 @@ CARTPOLE = resolve("CartPole-v1", backend="host")
 
 
 class SignedReward(gymnasium.Env):
-    """Observes ±1 and three random numbers, drawn anew each step; action 1 pays the first. Ends after 8 steps.
+    """Observes a sign and three random numbers, drawn anew each step; action 1 pays the sign. Ends after 8 steps.
 
     Its space is CartPole's, so that the compiled update is the same.
     """
@@ -50,7 +50,8 @@ class SignedReward(gymnasium.Env):
 
     def _observe(self) -> np.ndarray:
         self.sign = self.np_random.choice([-1.0, 1.0])
-        return np.concatenate([[self.sign], self.np_random.uniform(-1, 1, 3)]).astype(np.float32)
+        x = [4.8 * self.sign, *self.np_random.uniform(-0.4, 0.4, 3)]
+        return np.float32(x)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:
         super().reset(seed=seed)
@@ -164,7 +165,7 @@ def test_the_rollout_of_the_host_is_true():
     assert action.dtype == np.int32
     assert set(np.unique(action)) == {0, 1}
     assert len({tuple(row) for row in action.tolist()}) > 8  # of 16 patterns over four copies
-    sign = np.where(action == 1, 1, -1) * observation[..., 0]
+    sign = np.where(action == 1, 1, -1) * np.sign(observation[..., 0])
     np.testing.assert_array_equal(np.concatenate(rollout.reward[:2]), sign)
 
 
