@@ -130,12 +130,11 @@ class Reference:
     def collect(self, num_chunks: int, key: jax.Array) -> list[list[Sample]]:
         """One list for each step, one sample in it for each environment."""
         shape = (self.config.chunk_steps, self.config.num_envs)
-        act, step, reset = (jax.random.fold_in(key, i) for i in range(3))
         rollout = []
         for chunk in range(num_chunks):
-            noise = np.asarray(self.distribution.noise(jax.random.fold_in(act, chunk), shape))
-            step_keys = jax.random.split(jax.random.fold_in(step, chunk), shape)
-            reset_keys = jax.random.split(jax.random.fold_in(reset, chunk), shape)
+            act, world = jax.random.split(jax.random.fold_in(key, chunk))
+            noise = np.asarray(self.distribution.noise(act, shape))
+            step_keys, reset_keys = jax.random.split(world, (2, *shape))
             for t in range(shape[0]):
                 rollout.append(
                     [
@@ -270,10 +269,10 @@ class Reference:
     def validate(self) -> float:
         """Mean return of the deterministic tree, one episode after the other."""
         returns = []
-        for key in jax.random.split(
-            purpose_key(jnp.uint32(self.seed), "validation"), self.config.num_eval_episodes
+        key = purpose_key(jnp.uint32(self.seed), "validation")
+        for reset_key, step_key in zip(
+            *jax.random.split(key, (2, self.config.num_eval_episodes)), strict=True
         ):
-            reset_key, step_key = jax.random.split(key)
             env_state, observation = self.reset(reset_key)
             total, time, done = 0.0, 0, False
             while not done and time < self.env.max_episode_steps:

@@ -54,10 +54,6 @@ def collect(
     policy = state.networks.actor.rollout()
     log_std = state.networks.actor.log_std
     normalize = state.normalizer
-    act, step, reset = (jax.random.fold_in(key, i) for i in range(3))
-
-    def keys(purpose: PRNGKeyArray) -> PRNGKeyArray:
-        return jax.random.split(purpose, (chunk_steps, num_envs))
 
     def one_step(carry: tuple[Any, Array, Episodes], noise: Any) -> tuple[Any, Transition]:
         env_state, observation, episodes = carry
@@ -78,9 +74,11 @@ def collect(
 
     def one_chunk(i: Int[Array, ""], carry: Any) -> Any:
         running, buffer = carry
-        fresh = jax.vmap(jax.vmap(env.reset))(keys(jax.random.fold_in(reset, i)))
-        noise = distribution.noise(jax.random.fold_in(act, i), (chunk_steps, num_envs))
-        step_keys = keys(jax.random.fold_in(step, i))
+        # few large draws: each call of jax.random costs a tenth of a second of compiling
+        act, world = jax.random.split(jax.random.fold_in(key, i))
+        noise = distribution.noise(act, (chunk_steps, num_envs))
+        step_keys, reset_keys = jax.random.split(world, (2, chunk_steps, num_envs))
+        fresh = jax.vmap(jax.vmap(env.reset))(reset_keys)
         running, chunk = jax.lax.scan(one_step, running, (noise, step_keys, *fresh))
         buffer = jax.tree.map(lambda b, c: jax.lax.dynamic_update_index_in_dim(b, c, i, 0), buffer, chunk)
         return running, buffer

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -38,18 +37,14 @@ def optimizer(
     hyper: Hyperparameters, factor: Float[Array, ""], networks: Networks
 ) -> optax.GradientTransformation:
     """The update rule; ``factor`` scales every learning rate. The numbers may be traced."""
-
-    def group(name: str) -> optax.GradientTransformation:
-        decay = optax.add_decayed_weights(hyper.weight_decay) if name in DECAYED else optax.identity()
-        rate = getattr(hyper, f"learning_rate_{name}")
-        return optax.chain(
-            optax.scale_by_adam(eps=ADAM_EPS), decay, optax.scale_by_learning_rate(rate * factor)
-        )
-
-    groups: dict[Hashable, optax.GradientTransformation] = {
-        name: group(name) for name in ("feature_logits", "thresholds", "leaf_values", "log_std", "critic")
-    }
-    return optax.partition(groups, labels(networks))
+    names = labels(networks)
+    decayed = jax.tree.map(lambda name: name in DECAYED, names)
+    rates = jax.tree.map(lambda name: -factor * getattr(hyper, f"learning_rate_{name}"), names)
+    return optax.chain(
+        optax.scale_by_adam(eps=ADAM_EPS),
+        optax.add_decayed_weights(hyper.weight_decay, decayed),
+        optax.stateless(lambda updates, _: jax.tree.map(jnp.multiply, updates, rates)),
+    )
 
 
 def clip_by_norm(gradient: Any, max_norm: Float[Array, ""]) -> Any:

@@ -22,13 +22,13 @@ def validate(
     distribution: Distribution,
     policy: Callable[[Float[Array, "batch features"]], Float[Array, "batch outputs"]],
     normalize: Callable[[Array], Array],
-    keys: PRNGKeyArray,
+    key: PRNGKeyArray,
+    num_episodes: int,
 ) -> Float[Array, ""]:
-    """Mean undiscounted return of the deterministic policy over one episode a key."""
+    """Mean undiscounted return of the deterministic policy over a number of episodes."""
     limit = getattr(env, "max_episode_steps", MAX_EPISODE_STEPS)
-    reset_keys, step_keys = jnp.split(jax.vmap(lambda k: jax.random.split(k, 2))(keys), 2, axis=1)
-    env_state, observation = jax.vmap(env.reset)(reset_keys[:, 0])
-    num_episodes = keys.shape[0]
+    reset_keys, step_keys = jax.random.split(key, (2, num_episodes))
+    env_state, observation = jax.vmap(env.reset)(reset_keys)
 
     def running(carry: tuple[Int[Array, ""], Any, Array, Array, Array]) -> Array:
         time, _, _, done, _ = carry
@@ -37,7 +37,7 @@ def validate(
     def one_step(carry: tuple[Int[Array, ""], Any, Array, Array, Array]) -> Any:
         time, env_state, observation, done, total = carry
         action = distribution.to_env(distribution.mode(policy(normalize(observation))))
-        now = jax.vmap(lambda k: jax.random.fold_in(k, time))(step_keys[:, 0])
+        now = jax.vmap(lambda k: jax.random.fold_in(k, time))(step_keys)
         env_state, step = jax.vmap(env.step)(now, env_state, action)
         total = total + jnp.where(done, 0.0, step.reward)
         return time + 1, env_state, step.observation, done | step.terminated | step.truncated, total

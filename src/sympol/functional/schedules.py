@@ -55,12 +55,13 @@ class Shuffle(NamedTuple):
     @staticmethod
     def create(key: PRNGKeyArray, chunk_size: int, max_chunks: int) -> Shuffle:
         """Draw a permutation; ``max_chunks`` is a power of two."""
-        order, turn, jump, stride = jax.random.split(key, 4)
+        bits = jax.random.bits(key, (2 * chunk_size + max_chunks + 1,))
+        order, turn, jump, stride = jnp.split(bits, [chunk_size, chunk_size + max_chunks, bits.size - 1])
         return Shuffle(
-            jax.random.permutation(order, chunk_size).astype(jnp.int32),
-            jax.random.randint(turn, (max_chunks,), 0, chunk_size),
-            jax.random.randint(jump, (chunk_size,), 0, max_chunks),
-            2 * jax.random.randint(stride, (), 0, max_chunks) + 1,
+            jnp.argsort(order).astype(jnp.int32),
+            (turn % chunk_size).astype(jnp.int32),
+            (jump % max_chunks).astype(jnp.int32),
+            (stride[0] % max_chunks).astype(jnp.int32) * 2 + 1,
         )
 
     def __call__(self, index: Int[Array, " batch"], stage: Int[Array, ""]) -> Int[Array, " batch"]:

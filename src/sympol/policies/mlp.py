@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float, PRNGKeyArray
+
+from ..functional.random import normals
 
 
 class MLP(eqx.Module):
@@ -20,12 +22,11 @@ class MLP(eqx.Module):
     @staticmethod
     def create(key: PRNGKeyArray, sizes: tuple[int, ...]) -> MLP:
         """Layers of the sizes given, inputs first; variance 1/inputs, the last layer a tenth of that."""
-        keys = jax.random.split(key, len(sizes) - 1)
         shapes = list(itertools.pairwise(sizes))
         scales = [1.0] * (len(shapes) - 1) + [0.1]
         weights = tuple(
-            scale * jax.random.normal(k, shape) / jnp.sqrt(jnp.float32(shape[0]))
-            for k, shape, scale in zip(keys, shapes, scales, strict=True)
+            noise * (scale / math.sqrt(shape[0]))
+            for noise, shape, scale in zip(normals(key, shapes), shapes, scales, strict=True)
         )
         return MLP(weights, tuple(jnp.zeros(shape[1]) for shape in shapes))
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from ..functional import hard_tree, leaf_index, select
 from ..functional.hard_tree import Surrogate
+from ..functional.random import normals
 
 
 class RolloutTree(NamedTuple):
@@ -53,12 +53,13 @@ class Tree(eqx.Module):
         temperature: float = 1.0,
     ) -> Tree:
         """Random splits over observations of about unit scale; leaves near zero, so near indifference."""
-        logits_key, thresholds_key, leaves_key = jax.random.split(key, 3)
         nodes = 2**depth - 1
+        splits = (nodes, num_features)
+        logits, thresholds, leaves = normals(key, [splits, splits, (nodes + 1, num_outputs)])
         return Tree(
-            feature_logits=0.1 * jax.random.normal(logits_key, (nodes, num_features)),
-            thresholds=threshold_std * jax.random.normal(thresholds_key, (nodes, num_features)),
-            leaf_values=0.01 * jax.random.normal(leaves_key, (nodes + 1, num_outputs)),
+            feature_logits=0.1 * logits,
+            thresholds=threshold_std * thresholds,
+            leaf_values=0.01 * leaves,
             log_std=jnp.full((num_std,), log_std),
             surrogate=surrogate,
             temperature=temperature,

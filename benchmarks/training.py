@@ -1,0 +1,167 @@
+"""How long a training takes, from process start to saved and tested tree, and where the time goes.
+
+    python -m benchmarks.training [--rivals PYTHON]
+
+Runs `sympol train CartPole-v1` for a million steps as a user would, in processes of its own: cold (nothing in the
+compilation cache) and cached; with our preset and with the paper's. Then, inside one process, the seconds until the
+deterministic tree first averages 475 over 100 validation episodes, and how a step's time splits. PYTHON is an
+interpreter that has stable-baselines3 and rejax (benchmarks/rivals.py). Writes results/training.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+from sympol.algos.collect import collect, empty_rollout
+from sympol.algos.config import PPOConfig
+from sympol.algos.ppo import learn
+from sympol.algos.presets import preset
+from sympol.algos.train import CompiledTrainer, stops
+from sympol.algos.validate import validate
+from sympol.envs.registry import resolve
+from sympol.policies.distributions import distribution_of
+
+from .timing import ROOT, interleaved, write
+
+ENV = "CartPole-v1"
+SOLVED = 475.0
+
+
+def run(cache: str, *arguments: str) -> dict[str, Any]:
+    """One `sympol train` as a user runs it; its summary, and the seconds from process start to its end."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "sympol.cli", "train", ENV, "--json", "--run-dir", f"{folder}/run"]
+        began = time.perf_counter()
+        done = subprocess.run(
+            [*command, *arguments],
+            env={**os.environ, "SYMPOL_CACHE_DIR": cache},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        seconds = time.perf_counter() - began
+    summary = json.loads(done.stdout)
+    keys = ("return_mean", "nodes", "timesteps", "compile_seconds", "training_seconds", "steps_per_second")
+    return {"process_seconds": round(seconds, 2), **{key: summary[key] for key in keys}}
+
+
+def whole_runs(repeats: int) -> dict[str, Any]:
+    """Cold and cached, our preset; the paper's, cold."""
+    cold, cached = [], []
+    for _ in range(repeats):
+        with tempfile.TemporaryDirectory() as cache:
+            cold.append(run(cache))
+            cached.append(run(cache))
+    with tempfile.TemporaryDirectory() as cache:
+        paper = run(cache, "--preset", "paper")
+    return {"cold": cold, "cached": cached, "paper_preset_cold": paper}
+
+
+def seconds_until_solved(seeds: range) -> list[float | None]:
+    """Training seconds, validations included, until 100 validation episodes first average 475 or more."""
+    config = PPOConfig.from_dict({**preset(ENV), "num_evals": 100, "num_eval_episodes": 100})
+    env = resolve(ENV).env
+    assert env is not None
+    times: list[float | None] = []
+    for seed in seeds:
+        trainer, state = CompiledTrainer(env, config, seed), None
+        trainer.compile()
+        began = time.perf_counter()
+        for stop in stops(config):
+            if state is not None and int(state.timestep) >= stop:
+                continue
+            state = trainer.advance(state, stop)
+            if float(state.validation.last_return) >= SOLVED:
+                times.append(round(time.perf_counter() - began, 2))
+                break
+        else:
+            times.append(None)
+    return times
+
+
+def split() -> dict[str, float]:
+    """Nanoseconds an environment step of each part, at the longest rollout, each compiled alone."""
+    config = PPOConfig.from_dict(preset(ENV))
+    env = resolve(ENV).env
+    assert env is not None
+    distribution, hyper = distribution_of(env.action_space), config.hyperparameters()
+    trainer = CompiledTrainer(env, config, 0)
+    state = trainer.advance(None, stops(config)[0])
+    stage, key = config.max_stage, jax.random.key(0)
+    num_features = env.observation_space.shape[0]
+    steps = config.chunk_size << stage
+
+    def empty() -> Any:
+        return empty_rollout(num_features, distribution, config)
+
+    @jax.jit
+    def collecting(state: Any) -> Any:
+        return collect(env, distribution, state, empty(), 1 << np.int32(stage), key)
+
+    after, rollout = jax.block_until_ready(collecting(state))
+    next_x = after.normalizer(after.observation)
+
+    @jax.jit
+    def learning(state: Any, rollout: Any) -> Any:
+        return learn(config, distribution, hyper, state, rollout, next_x, jax.numpy.int32(stage), key)
+
+    @jax.jit
+    def validating(state: Any) -> Any:
+        policy = state.networks.actor.rollout()
+        return validate(env, distribution, policy, state.normalizer, key, config.num_eval_episodes)
+
+    calls: dict[str, Callable[[], Any]] = {
+        "collect": lambda: collecting(state),
+        "update": lambda: learning(after, rollout),
+        "one validation": lambda: validating(state),
+    }
+    timings = interleaved(calls, repeats=5)
+    per_step = {f"{name}_ns_per_step": timing.least / steps * 1e9 for name, timing in timings.items()}
+    del per_step["one validation_ns_per_step"]
+    return {**per_step, "validation_seconds": timings["one validation"].least * config.num_evals}
+
+
+def rivals(python: str, repeats: int) -> dict[str, Any]:
+    """stable-baselines3 (100,000 steps: it is slow) and rejax (a million)."""
+    results: dict[str, Any] = {}
+    for name, steps in (("sb3", 100_000), ("rejax", 1_000_000)):
+        results[name] = []
+        for _ in range(repeats):
+            script = str(ROOT / "benchmarks" / "rivals.py")
+            done = subprocess.run(
+                [python, script, name, str(steps)], capture_output=True, text=True, check=True
+            )
+            results[name].append(json.loads(done.stdout.splitlines()[-1]))
+    return results
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rivals", metavar="PYTHON", help="interpreter with stable-baselines3 and rejax")
+    parser.add_argument("--repeats", type=int, default=3)
+    given = parser.parse_args()
+    results: dict[str, Any] = {"whole_runs": whole_runs(given.repeats)}
+    if given.rivals:
+        results["rivals"] = rivals(given.rivals, 1)
+    results["split"] = split()
+    results["seconds_until_475"] = seconds_until_solved(range(5))
+    print(json.dumps(results, indent=1))
+    print(write("training", results))
+
+
+if __name__ == "__main__":
+    main()
