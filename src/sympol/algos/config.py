@@ -73,6 +73,10 @@ class PPOConfig:
     """Scale each feature to about ±1 by an affine map frozen before the first update. The extracted tree
     speaks raw units, exactly."""
 
+    trust_bounds: bool = True
+    """Scale features that have finite bounds by them. Otherwise, and where there are none, by the mean and spread of
+    the first chunk, which is spent on that."""
+
     num_envs: int = 32
     """Environments stepped side by side."""
 

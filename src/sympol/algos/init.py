@@ -49,7 +49,7 @@ def normalizer_of(space: Bounded, config: PPOConfig) -> tuple[Normalizer, np.nda
     Features with finite bounds go to [−1, 1]; the others keep their size until `refit_normalizer`.
     """
     low, high = (np.asarray(bound, np.float32).ravel() for bound in (space.low, space.high))
-    bounded = (np.abs(low) < UNBOUNDED) & (np.abs(high) < UNBOUNDED) & (high > low)
+    bounded = (np.abs(low) < UNBOUNDED) & (np.abs(high) < UNBOUNDED) & (high > low) & config.trust_bounds
     scaled = bounded & config.normalize_obs
     low, high = np.where(scaled, low, -1), np.where(scaled, high, 1)
     # constants of the program, in NumPy: making them JAX arrays here would compile two programs more
