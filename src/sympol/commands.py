@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -380,6 +381,8 @@ def _learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboa
         run.save_checkpoint(agent.state)  # after its row: resuming drops rows that have no checkpoint
         return not asked.is_set()
 
+    # the picture at the end needs a second of imports, which the compiler leaves time for
+    threading.Thread(target=import_module, args=("matplotlib.backends.backend_svg",), daemon=True).start()
     first, began = agent.num_timesteps, time.perf_counter()
     try:
         with _ask_to_stop(lambda: agent.state is not None) as asked:
