@@ -73,7 +73,7 @@ class PPOConfig:
     """Scale each feature to about ±1 by an affine map frozen before the first update. The extracted tree
     speaks raw units, exactly."""
 
-    trust_bounds: bool = True
+    trust_bounds: bool = False
     """Scale features that have finite bounds by them. Otherwise, and where there are none, by the mean and spread of
     the first chunk, which is spent on that."""
 
@@ -98,10 +98,10 @@ class PPOConfig:
     norm_adv: bool = True
     """Scale the advantages of each rollout to mean 0, standard deviation 1."""
 
-    reduce_lr: bool = False
+    reduce_lr: bool = True
     """Halve the learning rates when the validation return has not improved for five evaluations."""
 
-    rollback: bool = False
+    rollback: bool = True
     """When reduce_lr halves the learning rates, go on from the best tree, not from the last."""
 
     select_best: bool = True
@@ -158,7 +158,7 @@ class PPOConfig:
     log_std_init: float = 0.0
     """Initial log standard deviation (continuous actions)."""
 
-    threshold_std_init: float = 0.5
+    threshold_std_init: float = 0.3
     """Initial standard deviation of the thresholds, in scaled units. Splits that lie beyond what is visited at first
     decide nothing and hardly learn."""
 
