@@ -212,7 +212,9 @@ def test_every_field_is_a_flag(tmp_path, monkeypatch):
         else:
             words += [f"--{flag}", *map(str, value if isinstance(value, tuple) else (value,))]
     seen = []
-    monkeypatch.setattr("sympol.commands._learn", lambda agent, run, *_, **__: seen.append(agent.config) or 0)
+    monkeypatch.setattr(
+        "sympol.commands.train.learn", lambda agent, run, *_, **__: seen.append(agent.config) or 0
+    )
     assert status_of("train", "CartPole-v1", *words, "--run-dir", tmp_path / "run") == 0
     assert dataclasses.asdict(seen[0]) == new
     assert Run.open(tmp_path / "run").config == seen[0]
@@ -223,7 +225,7 @@ def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
 
     seen = []
     monkeypatch.setattr(
-        "sympol.commands._learn", lambda agent, run, *_, **__: seen.append((agent.config, run)) or 0
+        "sympol.commands.train.learn", lambda agent, run, *_, **__: seen.append((agent.config, run)) or 0
     )
     for i, words in enumerate(
         (["CartPole-v1", "--preset", "paper"], ["--preset=paper", "--seed", "3", "CartPole-v1"])
@@ -362,7 +364,7 @@ def test_an_environment_that_fails_in_the_test_episodes(tmp_path, capsys, monkey
         raise ZeroDivisionError("no track")
 
     with monkeypatch.context() as patch:
-        patch.setattr("sympol.commands.play", trouble)
+        patch.setattr("sympol.commands.learn.play", trouble)
         assert status_of("train", *TRAIN, "--run-dir", tmp_path / "run") == 1
     said = capsys.readouterr().err
     assert "error: in the test episodes, after training: ZeroDivisionError: no track" in said

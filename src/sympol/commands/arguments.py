@@ -1,0 +1,155 @@
+"""What each command may be told, and how the words on its line become that."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import difflib
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import tyro
+
+from ..algos.config import PPOConfig
+from ..algos.presets import DEFAULT, preset
+from ..envs.registry import Backend
+
+Text = tyro.conf.Positional[str]
+Folder = tyro.conf.Positional[Path]
+Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export")
+
+
+@dataclass
+class Train:
+    """Train a decision tree by PPO and keep everything in one folder."""
+
+    env: Text
+    """Gymnasium id, such as CartPole-v1."""
+
+    seed: int = 0
+    """Of everything random; the same seed on the same machine gives the same tree."""
+
+    preset: str = DEFAULT
+    """Where the hyperparameters come from: default (ours) or paper."""
+
+    run_dir: Path | None = None
+    """The run's folder; by default the next free one under runs/."""
+
+    overwrite: bool = False
+    """Replace the run that is in --run-dir."""
+
+    resume: bool = False
+    """Go on with the run that is in --run-dir."""
+
+    backend: Backend = "auto"
+    """jax: inside the compiled program; host: through Gymnasium; auto: jax where there is one."""
+
+    eval_episodes: int = 20
+    """Test episodes on Gymnasium at the end."""
+
+    tensorboard: bool = False
+    """Write TensorBoard logs into the run, too."""
+
+    json: bool = False
+    """Print the summary as one line of JSON and nothing else on the standard output."""
+
+    config: Annotated[PPOConfig, tyro.conf.arg(name="")] = field(default_factory=PPOConfig)
+
+
+@dataclass
+class Resume:
+    """Go on with an interrupted training; it ends in the tree it would have ended in."""
+
+    run: Folder
+    """The run's folder."""
+
+    eval_episodes: int | None = None
+    """Test episodes on Gymnasium at the end; by default as many as the training was told."""
+
+    json: bool = False
+    """One line of JSON."""
+
+
+@dataclass
+class Eval:
+    """Play test episodes with a run's tree, on Gymnasium itself."""
+
+    run: Folder
+    """The run's folder."""
+
+    episodes: int = 100
+    """How many."""
+
+    seed: int = 7
+    """Another seed, other episodes."""
+
+    json: bool = False
+    """One line of JSON."""
+
+
+@dataclass
+class Show:
+    """The tree of a run, as text, and what it earns."""
+
+    run: Folder
+    """The run's folder."""
+
+
+@dataclass
+class Export:
+    """The tree of a run as a program, a document or a picture."""
+
+    run: Folder
+    """The run's folder."""
+
+    to: Literal["python", "json", "text", "svg", "pdf", "png"] = "python"
+    """What to write."""
+
+    out: Path | None = None
+    """Where to; the standard output by default, for pictures RUN/tree.<format>."""
+
+
+def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Given | None = None) -> Given:
+    """Arguments as ``kind``; what is wrong with them in one line."""
+    options: dict[str, Any] = {} if default is None else {"default": default}
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            parsed, unknown = tyro.cli(
+                kind,
+                args=list(arguments),
+                prog=f"sympol {command}",
+                config=(tyro.conf.OmitArgPrefixes,),
+                return_unknown_args=True,
+                **options,
+            )
+    except SystemExit as stop:
+        if stop.code in (0, None):
+            raise
+        raise ValueError(f"{_first_box(said.getvalue())} (see sympol {command} --help)") from None
+    if unknown:
+        flags = [f"--{f.name}".replace("_", "-") for k in (kind, PPOConfig) for f in dataclasses.fields(k)]
+        near = difflib.get_close_matches(unknown[0].replace("_", "-"), flags if kind is Train else flags[:9])
+        hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
+        raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
+    return parsed
+
+
+def parse_train(arguments: Sequence[str]) -> Train:
+    """In two passes: the first finds environment and preset, from which the flags not given take their values."""
+    asks = {"-h", "--help"} & set(arguments)
+    first = Train("", config=PPOConfig())
+    with contextlib.suppress(ValueError):  # the second pass says it
+        first = parse(Train, "train", [a for a in arguments if a not in asks], first)
+    values = preset(first.env, first.preset)
+    return parse(Train, "train", arguments, Train("", config=PPOConfig.from_dict(values)))
+
+
+def _first_box(text: str) -> str:
+    """What tyro draws as a box, its first paragraph, as a line."""
+    lines = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
+    paragraph = lines[: next((i for i, line in enumerate(lines) if set(line) == {"─"}), len(lines))]
+    return " ".join(paragraph).rstrip(".") or " ".join(text.split())

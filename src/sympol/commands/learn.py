@@ -1,0 +1,143 @@
+"""From an agent and its run to the end of the training: learn, save, stop when asked, test, sum up."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shlex
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from typing import Any
+
+from .. import STARTED
+from ..agents import PPO, Report
+from ..envs.host import EnvironmentFailure
+from ..evaluate import play
+from ..runs.folder import Run, versions
+from ..runs.metrics import TensorBoard
+from .say import err, out, print_error, print_next, summary_words
+
+EVAL_SEED = 1
+"""Of the test episodes at the end of a training; training and validation have streams of their own."""
+
+
+def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboard: bool) -> int:
+    """Train ``agent`` to the end, keep all of it in ``run``, print the summary; return the exit status."""
+    board = TensorBoard(run.path / "tensorboard") if tensorboard else None
+    err.print(
+        f"training a tree of depth {agent.config.depth} on {agent.spec.name}, seed {agent.seed}, "
+        f"{'inside one compiled program' if agent.spec.env is not None else 'through Gymnasium'}; run: {run.path}",
+        markup=False,
+    )
+
+    def keep(report: Report) -> bool:
+        run.metrics.append(report.metrics)
+        if board is not None:
+            board.append(report.metrics)
+        assert agent.state is not None
+        run.save_checkpoint(agent.state)  # after its row: resuming drops rows that have no checkpoint
+        return not asked.is_set()
+
+    # the picture at the end needs a second of imports, which the compiler leaves time for
+    threading.Thread(target=import_module, args=("matplotlib.backends.backend_svg",), daemon=True).start()
+    first, began = agent.num_timesteps, time.perf_counter()
+    try:
+        with _ask_to_stop(lambda: agent.state is not None) as asked:
+            if agent.num_timesteps < agent.config.total_timesteps:
+                agent.learn(callback=keep)
+        if agent.num_timesteps < agent.config.total_timesteps:
+            raise KeyboardInterrupt
+        seconds = time.perf_counter() - began
+        summary = _finish(agent, run, eval_episodes)
+    except (KeyboardInterrupt, EnvironmentFailure) as stop:
+        return _stopped(agent, run, stop)
+    finally:
+        if board is not None:
+            board.close()
+    trained = max(1e-9, seconds - agent.compile_seconds)
+    summary |= {
+        "wall_seconds": round(time.perf_counter() - STARTED, 3),
+        "compile_seconds": round(agent.compile_seconds, 3),
+        "training_seconds": round(trained, 3),
+        "steps_per_second": round((agent.num_timesteps - first) / trained),
+    }
+    run.save_summary(summary)
+    if as_json:
+        print(json.dumps(summary))
+    else:
+        out.print(run.load_tree().to_text(), markup=False)
+        out.print(summary_words(summary))
+        print_next(run.path)
+    return 0
+
+
+@contextlib.contextmanager
+def _ask_to_stop(has_begun: Callable[[], bool]) -> Iterator[threading.Event]:
+    """Let Ctrl-C wait for the next save, so that a resumed run ends as one never stopped; a second does not wait."""
+    asked = threading.Event()
+
+    def stop(number: int, frame: object) -> None:
+        if asked.is_set() or not has_begun():
+            raise KeyboardInterrupt
+        asked.set()
+        err.print("\nstopping at the next save; Ctrl-C again stops at once")
+
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _finish(agent: PPO, run: Run, eval_episodes: int) -> dict[str, Any]:
+    """Test the tree, count its visits, write it in every form."""
+    assert agent.state is not None
+    full, tree = agent.tree(prune=False), agent.tree()
+    validation = agent.state.validation
+    summary: dict[str, Any] = {
+        "env": agent.spec.name,
+        "seed": agent.seed,
+        "timesteps": agent.num_timesteps,
+        "nodes": tree.n_nodes,
+        "nodes_unpruned": full.n_nodes,
+        "leaves": tree.n_leaves,
+        "depth": tree.depth,
+        "validation_return": float(validation.best_return),
+        "best_timestep": int(validation.best_timestep),
+    }
+    if agent.spec.make_host is not None:
+        try:
+            episodes = play(tree, agent.spec, eval_episodes, seed=EVAL_SEED)
+            sampled = play(full, agent.spec, eval_episodes, seed=EVAL_SEED, deterministic=False)
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"in the test episodes, after training: {type(error).__name__}: {error}"
+            ) from error
+        tree = tree.with_visits(episodes.observations)
+        summary |= {
+            "return_mean": float(episodes.returns.mean()),
+            "return_std": float(episodes.returns.std()),
+            "sampled_return_mean": float(sampled.returns.mean()),
+            "sampled_return_std": float(sampled.returns.std()),
+            "episodes": eval_episodes,
+            "eval_seed": EVAL_SEED,
+        }
+    run.save_tree(tree)
+    return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
+
+
+def _stopped(agent: PPO, run: Run, stop: BaseException) -> int:
+    """Keep what there is and say how to go on."""
+    if isinstance(stop, EnvironmentFailure):
+        print_error(stop)
+        if agent.state is not None:
+            run.save_checkpoint(agent.state)  # what the failed segment had come to
+    at = f"saved at step {agent.num_timesteps:,}" if agent.state is not None else "nothing is trained yet"
+    err.print(f"{at}; go on with: sympol resume {shlex.quote(str(run.path))}", markup=False)
+    return 130 if isinstance(stop, KeyboardInterrupt) else 1

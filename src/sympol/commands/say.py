@@ -1,0 +1,83 @@
+"""What is said on the terminal: results on the standard output, everything else on the error stream."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+from rich.console import Console
+from rich.markup import escape
+
+from ..envs.host import EnvironmentFailure
+from ..runs.folder import RunError
+
+out = Console(soft_wrap=True, highlight=False, emoji=False)
+err = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+
+
+@contextlib.contextmanager
+def one_line_errors() -> Iterator[None]:
+    """Bad input is one line on the error stream and status 2; so are failures, with status 1."""
+    try:
+        yield
+    except (RunError, ValueError) as error:  # ConfigError and UnknownEnvironment are ValueErrors
+        print_error(error)
+        raise SystemExit(2) from None
+    except (EnvironmentFailure, ImportError, gymnasium.error.Error, OSError) as error:
+        print_error(error)
+        raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        err.print("interrupted")
+        raise SystemExit(130) from None
+
+
+def print_error(error: BaseException) -> None:
+    """What ends a command, as one line."""
+    err.print(f"[bold red]error:[/] {_one_line(error)}")
+
+
+def print_warning(warning: Warning | str) -> None:
+    """What does not end it, idem."""
+    err.print(f"[bold yellow]warning:[/] {_one_line(warning)}")
+
+
+def _one_line(message: object) -> str:
+    return escape(" ".join(str(message).split()))
+
+
+def summary_words(summary: dict[str, Any]) -> str:
+    """What a run earned, its size and its time; everything put in is a number."""
+    lines = [""]
+    if "return_mean" in summary:
+        lines.append(
+            f"return   [bold]{summary['return_mean']:,.1f}[/] ± {summary['return_std']:,.1f} over "
+            f"{summary['episodes']:,} test episodes on Gymnasium (sampling its actions: "
+            f"{summary['sampled_return_mean']:,.1f})"
+        )
+    lines.append(
+        f"size     [bold]{summary['nodes']:,}[/] nodes, {summary['leaves']:,} leaves, depth {summary['depth']:,} "
+        f"(before pruning {summary['nodes_unpruned']:,} nodes)"
+    )
+    if "training_seconds" in summary:
+        lines.append(
+            f"time     {summary['wall_seconds']:.1f} s in all: {summary['compile_seconds']:.1f} s compiling, "
+            f"{summary['training_seconds']:.1f} s training at {summary['steps_per_second']:,} steps/s"
+        )
+    return "\n".join(lines)
+
+
+def print_next(path: Path) -> None:
+    """What can be done with the run that is at ``path``."""
+    out.print()
+    run = shlex.quote(str(path))
+    for command, what in (
+        (f"sympol show {run}", "this tree again"),
+        (f"sympol eval {run} --episodes 100 --seed 7", "more test episodes"),
+        (f"sympol export {run} --to python", "the policy as a program without dependencies"),
+    ):
+        out.print(f"  {command:<55} {what}", style="dim", markup=False)
+    out.print(f"  {path / 'tree.svg'!s:<55} the picture", style="dim", markup=False)

@@ -1,0 +1,107 @@
+"""The commands that train, train and resume: which agent learns, and in which folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..agents import PPO, load
+from ..envs.registry import resolve
+from ..runs.checkpoint import DamagedCheckpoint
+from ..runs.folder import Run, RunError
+from ..runs.metrics import TensorBoard
+from .arguments import Resume, Train, parse, parse_train
+from .learn import learn
+from .say import err, one_line_errors, print_warning
+
+
+@one_line_errors()
+def train(arguments: Sequence[str]) -> int:
+    """``sympol train``."""
+    given = parse_train(arguments)
+    if given.eval_episodes < 1:
+        raise ValueError(f"--eval-episodes must be at least 1, got {given.eval_episodes}")
+    if not given.env:
+        raise ValueError("name an environment, as in: sympol train CartPole-v1")
+    spec = resolve(given.env, backend=given.backend)
+    agent = PPO("tree", spec, seed=given.seed, **dataclasses.asdict(given.config))
+    if given.resume:
+        return _continue(_same_run(given, agent), given.eval_episodes, given.json)
+    if given.tensorboard:
+        TensorBoard.require()
+    path = given.run_dir or _next_free(Path("runs"), spec.name)
+    run = Run.create(
+        path,
+        spec,
+        agent.config,
+        agent.seed,
+        preset=given.preset,
+        eval_episodes=given.eval_episodes,
+        overwrite=given.overwrite or _ask(path),
+    )
+    return learn(agent, run, given.eval_episodes, given.json, tensorboard=given.tensorboard)
+
+
+@one_line_errors()
+def resume(arguments: Sequence[str]) -> int:
+    """``sympol resume``."""
+    given = parse(Resume, "resume", arguments)
+    return _continue(given.run, given.eval_episodes, given.json)
+
+
+def _same_run(given: Train, agent: PPO) -> Path:
+    """The folder to go on in, where what was given does not contradict it."""
+    if given.run_dir is None or given.overwrite:
+        raise RunError("--resume needs the folder to go on in, as --run-dir, and cannot go with --overwrite")
+    run = Run.open(given.run_dir)
+    was = {"env": run.about["env"], "seed": run.seed, **run.config.to_dict()}
+    now = {"env": agent.spec.name, "seed": agent.seed, **agent.config.to_dict()}
+    changed = [f"{name} {was[name]}, not {now[name]}" for name in was if was[name] != now[name]]
+    if changed:
+        raise RunError(
+            f"{run.path} was begun with {', '.join(changed)}; to go on with it as it was: sympol resume {run.path}"
+        )
+    return given.run_dir
+
+
+def _continue(path: Path, eval_episodes: int | None, as_json: bool) -> int:
+    """Learn on from the last checkpoint."""
+    run = Run.open(path)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DamagedCheckpoint)
+        agent = load(path)
+    for warning in caught:
+        print_warning(warning.message)
+    run.metrics.forget_after(agent.num_timesteps)
+    err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")
+    tensorboard = (run.path / "tensorboard").is_dir()
+    episodes = run.about["eval_episodes"] if eval_episodes is None else eval_episodes
+    return learn(agent, run, episodes, as_json, tensorboard=tensorboard)
+
+
+def _next_free(folder: Path, name: str) -> Path:
+    """``name`` and the first number that nobody has, made at once so that nobody else takes it."""
+    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+    number = 1
+    while True:
+        path = folder / f"{safe}-{number}"
+        try:
+            path.mkdir(parents=True)
+            return path
+        except FileExistsError as error:
+            if folder.exists() and not folder.is_dir():
+                raise RunError(f"{folder} is a file; choose a --run-dir") from error
+            number += 1
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {error.strerror}; choose another --run-dir") from error
+
+
+def _ask(path: Path) -> bool:
+    """Whether a run that is there may be replaced: only a person at a terminal can say so."""
+    if not (path / "config.toml").exists() or not sys.stdin.isatty() or not sys.stderr.isatty():
+        return False
+    err.print(f"{path} already holds a run. Replace it? [y/N] ", markup=False, end="")
+    return input().strip().lower() in ("y", "yes")
