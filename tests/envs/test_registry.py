@@ -135,7 +135,11 @@ def test_unknown_ids_are_answered_with_near_ones(name: str, near: str) -> None:
     assert near in str(error.value)
 
 
-@pytest.mark.parametrize("env", [3, None, object(), lambda: 3, gymnasium.make_vec], ids=["int", "None", "object", "lambda", "make_vec"])
+@pytest.mark.parametrize(
+    "env",
+    [3, None, object(), lambda: 3, gymnasium.make_vec],
+    ids=["int", "None", "object", "lambda", "make_vec"],
+)
 def test_what_is_no_environment(env: Any) -> None:
     if env is gymnasium.make_vec:
         env = gymnasium.make_vec("CartPole-v1", 2, vectorization_mode="sync")
