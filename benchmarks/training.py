@@ -70,7 +70,7 @@ def whole_runs(repeats: int) -> dict[str, Any]:
 
 def seconds_until_solved(seeds: range) -> list[float | None]:
     """Training seconds, validations included, until 100 validation episodes first average 475 or more."""
-    config = PPOConfig.from_dict({**preset(ENV), "num_evals": 100, "num_eval_episodes": 100})
+    config = PPOConfig.from_dict({**preset(ENV), "num_eval_episodes": 100})
     env = resolve(ENV).env
     assert env is not None
     times: list[float | None] = []

@@ -46,13 +46,16 @@ def test_trained_extracted_pruned_json_sklearn_and_python_agree_python_on_100_00
 
 def test_a_disagreement_would_be_seen(one, monkeypatch):
     tree = one.tree(prune=False)
-    inner = np.flatnonzero(~tree.is_leaf)[0]
+    x = no_loss.observations(tree, None, np.random.default_rng(0), 30_000)
+    visits = tree.with_visits(x).n_node_samples
+    low, high = (np.take(bound, tree.feature, mode="clip") for bound in (tree.feature_low, tree.feature_high))
+    met = ~tree.is_leaf & (low <= tree.threshold) & (tree.threshold < high)
+    inner = np.argmax(np.where(met, visits, -1))
     moved = tree.threshold.copy()
     moved[inner] = np.nextafter(moved[inner], np.float32(np.inf))
     other = dataclasses.replace(tree, threshold=moved)
     monkeypatch.setattr(no_loss, "readers", lambda agent: {"moved": other.apply})
     monkeypatch.setattr(no_loss, "trained_policy", lambda agent: tree.apply)
-    x = no_loss.observations(tree, None, np.random.default_rng(0), 30_000)
     assert no_loss.disagreements(one, x)["moved"] > 0
 
 

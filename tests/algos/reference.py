@@ -159,7 +159,7 @@ class Reference:
     def bounded(self) -> np.ndarray:
         space = self.env.observation_space
         finite = (np.abs(space.low) < UNBOUNDED) & (np.abs(space.high) < UNBOUNDED)
-        return finite | (not self.config.normalize_obs)
+        return (finite & self.config.trust_bounds) | (not self.config.normalize_obs)
 
     def warm_up(self, rollout: list[list[Sample]]) -> None:
         x = np.stack([sample.x for row in rollout[: self.config.chunk_steps] for sample in row])

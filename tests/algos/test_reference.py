@@ -98,6 +98,7 @@ def test_ablations_as_the_plain_loop_trains_them(eighth, num_iterations):
         num_epochs=2,
         num_eval_episodes=2,
         critic="tree",
+        trust_bounds=True,
         dynamic_batch=False,
         norm_adv=False,
         surrogate="softsign",

@@ -33,7 +33,12 @@ def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboar
         markup=False,
     )
 
+    # the picture at the end needs a second of imports: time enough for them while the compiled program runs
+    picture = threading.Thread(target=import_module, args=("matplotlib.backends.backend_svg",), daemon=True)
+
     def keep(report: Report) -> bool:
+        if picture.ident is None:
+            picture.start()
         run.metrics.append(report.metrics)
         if board is not None:
             board.append(report.metrics)
@@ -41,8 +46,6 @@ def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboar
         run.save_checkpoint(agent.state)  # after its row: resuming drops rows that have no checkpoint
         return not asked.is_set()
 
-    # the picture at the end needs a second of imports, which the compiler leaves time for
-    threading.Thread(target=import_module, args=("matplotlib.backends.backend_svg",), daemon=True).start()
     first, began = agent.num_timesteps, time.perf_counter()
     try:
         with _ask_to_stop(lambda: agent.state is not None) as asked:
