@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
+import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -73,11 +76,14 @@ def summary_words(summary: dict[str, Any]) -> str:
 def print_next(path: Path) -> None:
     """What can be done with the run that is at ``path``."""
     out.print()
+    called = Path(sys.argv[0])  # by `make train` sympol is not on the PATH: say it so that it can be pasted
+    on_path = called.name != "sympol" or shutil.which("sympol")
+    sympol = "sympol" if on_path else shlex.quote(os.path.relpath(called))
     run = shlex.quote(str(path))
     for command, what in (
-        (f"sympol show {run}", "this tree again"),
-        (f"sympol eval {run} --episodes 100 --seed 7", "more test episodes"),
-        (f"sympol export {run} --to python", "the policy as a program without dependencies"),
+        (f"{sympol} show {run}", "this tree again"),
+        (f"{sympol} eval {run} --episodes 100 --seed 7", "more test episodes"),
+        (f"{sympol} export {run} --to python", "the policy as a program without dependencies"),
     ):
         out.print(f"  {command:<55} {what}", style="dim", markup=False)
     out.print(f"  {path / 'tree.svg'!s:<55} the picture", style="dim", markup=False)
