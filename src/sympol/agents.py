@@ -93,6 +93,8 @@ class PPO:
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
         """What the last `learn` spent compiling."""
+        self._rng = np.random.default_rng(self.seed)
+        self._trees: dict[tuple[int, bool], DecisionTree] = {}
 
     @property
     def num_timesteps(self) -> int:
@@ -169,8 +171,6 @@ class PPO:
         space = self.spec.action_space
         if deterministic:
             return fitted_actions(tree.predict(x), space), None
-        if not hasattr(self, "_rng"):
-            self._rng = np.random.default_rng(self.seed)
         action = fitted_actions(sample_actions(tree, np.atleast_2d(x), self._rng), space)
         return (action[0] if x.ndim == 1 else action), None
 
@@ -185,12 +185,11 @@ class PPO:
         """
         if self.state is None:
             raise RuntimeError("there is no tree yet: call learn() first")
-        key = (self.num_timesteps, prune)
-        cached = getattr(self, "_tree", None)
-        if cached is None or cached[0] != key:
+        now = self.num_timesteps
+        if (now, prune) not in self._trees:
             full = _extract(self.spec, self.config, self.state)
-            self._tree = (key, full.prune() if prune else full)
-        return self._tree[1]
+            self._trees = {(now, False): full, (now, True): full.prune()}
+        return self._trees[now, prune]
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the agent as a run's folder; an earlier run of that name is replaced.
