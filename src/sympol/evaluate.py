@@ -8,15 +8,13 @@ from typing import Any, NamedTuple, Protocol
 import gymnasium
 import numpy as np
 
+from .envs.env import MAX_EPISODE_STEPS
 from .envs.registry import EnvSpec, resolve
 from .trees import DecisionTree
 from .trees.actions import BoxActions
 
 TEST = 0x7E57
 """Part of every seed used here and of none used in training or validation."""
-
-MAX_EPISODE_STEPS = 10_000
-"""Where an episode is cut whose environment has no time limit, as in validation."""
 
 
 class Policy(Protocol):

@@ -13,7 +13,7 @@ from ..envs.env import Env
 from ..policies.distributions import Distribution
 from ..types import Transition
 from .config import PPOConfig
-from .state import Episodes, TrainState
+from .state import Episodes, TrainState, tree_where
 
 
 def reset_envs(env: Env, key: PRNGKeyArray, num_envs: int) -> tuple[Any, Array]:
@@ -66,8 +66,8 @@ def collect(
             x, action, result.reward, result.terminated, result.truncated, normalize(result.observation)
         )
         carry = (
-            _where_done(done, fresh_state, next_state),
-            _where_done(done, fresh_observation, result.observation),
+            tree_where(done, fresh_state, next_state),
+            tree_where(done, fresh_observation, result.observation),
             episodes.step(result.reward, done),
         )
         return carry, transition
@@ -88,12 +88,3 @@ def collect(
         0, num_chunks, one_chunk, (running, rollout)
     )
     return state._replace(env_state=env_state, observation=observation, episodes=episodes), rollout
-
-
-def _where_done(done: Array, fresh: Any, running: Any) -> Any:
-    """For each environment the fresh state if its episode ended, else the running one."""
-
-    def choose(a: Array, b: Array) -> Array:
-        return jnp.where(done.reshape(done.shape + (1,) * (a.ndim - 1)), a, b)
-
-    return jax.tree.map(choose, fresh, running)

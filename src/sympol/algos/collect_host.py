@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from ..envs.env import MAX_EPISODE_STEPS
 from ..envs.host import EnvironmentFailure
 from ..envs.registry import EnvSpec
 from ..policies.distributions import Distribution
@@ -109,10 +110,6 @@ class HostCollector:
     def _buffer(self, transition: Transition) -> Transition:
         axes = (1 << self._config.max_stage, self._config.chunk_steps)
         return jax.tree.map(lambda a: np.zeros((*axes, *np.shape(a)), np.asarray(a).dtype), transition)
-
-
-MAX_EPISODE_STEPS = 10_000
-"""Where a validation episode of an environment without a time limit is cut."""
 
 
 def _writer(chunk: int, step: int) -> Any:

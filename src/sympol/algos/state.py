@@ -136,6 +136,10 @@ class TrainState(NamedTuple):
     validation: Validation
 
 
-def tree_where(condition: Bool[Array, ""], if_true: Any, if_false: Any) -> Any:
-    """`jnp.where` over pytrees."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), if_true, if_false)
+def tree_where(condition: Bool[Array, "*batch"], if_true: Any, if_false: Any) -> Any:
+    """`jnp.where` over pytrees whose leaves have the condition's axes first."""
+
+    def choose(a: Array, b: Array) -> Array:
+        return jnp.where(condition.reshape(condition.shape + (1,) * (jnp.ndim(a) - condition.ndim)), a, b)
+
+    return jax.tree.map(choose, if_true, if_false)

@@ -10,11 +10,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
-from ..envs.env import Env
+from ..envs.env import MAX_EPISODE_STEPS, Env
 from ..policies.distributions import Distribution
-
-MAX_EPISODE_STEPS = 10_000
-"""Where an environment without a time limit is stopped."""
 
 
 def validate(

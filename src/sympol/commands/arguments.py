@@ -131,8 +131,9 @@ def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Gi
             raise
         raise ValueError(f"{_first_box(said.getvalue())} (see sympol {command} --help)") from None
     if unknown:
-        flags = [f"--{f.name}".replace("_", "-") for k in (kind, PPOConfig) for f in dataclasses.fields(k)]
-        near = difflib.get_close_matches(unknown[0].replace("_", "-"), flags if kind is Train else flags[:9])
+        kinds = (kind, PPOConfig) if kind is Train else (kind,)
+        flags = [f"--{f.name}".replace("_", "-") for k in kinds for f in dataclasses.fields(k)]
+        near = difflib.get_close_matches(unknown[0].replace("_", "-"), flags)
         hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
         raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
     return parsed

@@ -15,6 +15,9 @@ from jaxtyping import Float, PRNGKeyArray
 
 from ..types import Action, Step
 
+MAX_EPISODE_STEPS = 10_000
+"""Where an episode that is only measured ends, in an environment without a time limit."""
+
 State = TypeVar("State", bound=Any)
 
 
