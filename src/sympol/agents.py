@@ -244,6 +244,7 @@ def _extract(spec: EnvSpec, config: PPOConfig, state: TrainState) -> DecisionTre
         feature_names=spec.features.names,
         feature_low=spec.features.low,
         feature_high=spec.features.high,
+        groups=spec.features.groups,
     )
 
 

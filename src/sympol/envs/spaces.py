@@ -16,14 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..trees.actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
 from ..trees.floats import flushed
+from ..trees.groups import Group, check_groups, require_one_hot
 
 
 class Feature(NamedTuple):
-    """One number of an observation and the range it moves in."""
+    """One number of an observation and the range it moves in; ``choice`` is the category it is one-hot of."""
 
     name: str
     low: float
     high: float
+    choice: str | None = None
 
 
 @dataclass(frozen=True)
@@ -39,19 +41,29 @@ class Features:
     names: tuple[str, ...]
     low: NDArray[np.float32]
     high: NDArray[np.float32]
+    groups: tuple[Group, ...] = ()
 
     @classmethod
-    def of(cls, space: Space, names: Sequence[str] | None = None) -> Features:
+    def of(
+        cls, space: Space, names: Sequence[str] | None = None, groups: Sequence[Group] | None = None
+    ) -> Features:
         """Describe a space, with the user's names in place of ``x[0]``, ``camera[1, 2]``, ``weather = 3``.
 
-        Raises ValueError for an unsupported space and for names that do not fit.
+        ``groups`` are the features that are one-hot together; by default those that a ``Discrete`` or a
+        ``MultiDiscrete`` became.
+
+        Raises ValueError for an unsupported space, and for names and groups that do not fit.
         """
         features = list(_features(space))
         if not features:
             raise ValueError(f"observation space must have at least one feature, got {space}")
+        named = check_names(names, [feature.name for feature in features], "feature_names")
+        if groups is None:
+            groups = _one_hot_groups(features, named)
         return cls(
             space=space,
-            names=check_names(names, [feature.name for feature in features], "feature_names"),
+            names=named,
+            groups=check_groups(groups, len(features)),
             low=flushed([feature.low for feature in features]),
             high=flushed([feature.high for feature in features]),
         )
@@ -63,7 +75,8 @@ class Features:
         returned is always a new array. Numbers too small for float32's normal range become zero, because that
         is what they are to JAX on the CPU.
 
-        Raises ValueError, naming the place, where type, shape or category do not fit the space.
+        Raises ValueError, naming the place, where type, shape or category do not fit the space, and where a group
+        is not one-hot.
         """
         parts = list(_flatten(self.space, observation, "observation"))
         batch = parts[0].shape[:-1]
@@ -73,7 +86,9 @@ class Features:
                     "all parts of an observation must have the same leading batch axes, "
                     f"got {batch} and {part.shape[:-1]}; give one observation, or stack all parts"
                 )
-        return flushed(np.concatenate(parts, axis=-1))
+        flat = flushed(np.concatenate(parts, axis=-1))
+        require_one_hot(self.groups, flat.reshape(-1, len(self.names)))
+        return flat
 
 
 def check_names(names: Sequence[str] | None, default: Sequence[str], what: str) -> tuple[str, ...]:
@@ -141,11 +156,12 @@ def _features(space: Space, path: str = "x", *, is_root: bool = True) -> Iterato
                 yield Feature(path + _subscript(index), 0, 1)
         case Discrete():
             for category in range(int(space.n)):
-                yield Feature(f"{path} = {space.start + category}", 0, 1)
+                yield Feature(f"{path} = {space.start + category}", 0, 1, path)
         case MultiDiscrete():
             for index in np.ndindex(space.nvec.shape):
+                choice = path + _subscript(index)
                 for category in range(int(space.nvec[index])):
-                    yield Feature(f"{path}{_subscript(index)} = {space.start[index] + category}", 0, 1)
+                    yield Feature(f"{choice} = {space.start[index] + category}", 0, 1, choice)
         case Dict():
             for key, part in space.spaces.items():
                 yield from _features(part, str(key) if is_root else f"{path}.{key}", is_root=False)
@@ -158,6 +174,15 @@ def _features(space: Space, path: str = "x", *, is_root: bool = True) -> Iterato
                 "MultiDiscrete, and Dict and Tuple of these; wrap the environment in "
                 "gymnasium.wrappers.TransformObservation to offer one of them"
             )
+
+
+def _one_hot_groups(features: Sequence[Feature], names: Sequence[str]) -> list[Group]:
+    """Group the features that one choice became; their names say it all."""
+    positions: dict[str, list[int]] = {}
+    for position, feature in enumerate(features):
+        if feature.choice is not None:
+            positions.setdefault(feature.choice, []).append(position)
+    return [Group("", tuple(of), tuple(names[i] for i in of)) for of in positions.values()]
 
 
 def _flatten(space: Space, observation: Any, path: str) -> Iterator[NDArray]:

@@ -9,6 +9,7 @@ import numpy as np
 from ..functional.float32_order import unscale_thresholds
 from ..trees import DecisionTree
 from ..trees.actions import ActionSpec
+from ..trees.groups import Group
 from .tree import Tree
 
 
@@ -21,6 +22,7 @@ def extract_tree(
     feature_names: Sequence[str],
     feature_low: np.ndarray,
     feature_high: np.ndarray,
+    groups: Sequence[Group] = (),
 ) -> DecisionTree:
     """The complete tree over raw observations that acts, on every float32 observation, as the actor does.
 
@@ -36,4 +38,5 @@ def extract_tree(
         feature_names=feature_names,
         feature_low=feature_low,
         feature_high=feature_high,
+        groups=groups,
     )

@@ -1,6 +1,7 @@
 """The decision tree and what one does with it: NumPy only."""
 
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
+from .groups import Group
 from .prune import prune, prune_unvisited
 from .tree import DecisionTree
 
@@ -9,6 +10,7 @@ __all__ = [
     "BoxActions",
     "DecisionTree",
     "DiscreteActions",
+    "Group",
     "MultiDiscreteActions",
     "prune",
     "prune_unvisited",

@@ -16,6 +16,7 @@ import numpy as np
 
 from .actions import ActionSpec
 from .floats import flushed, observation_batch
+from .groups import Group, check_groups, require_one_hot
 from .preorder import NO_CHILD, check, complete_to_preorder
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class DecisionTree:
     The arrays are read-only copies. At leaves the children are -1, ``feature`` is -2 and ``threshold`` is
     -2.0; at inner nodes ``value`` is zero. ``actions`` says what the numbers in ``value`` mean.
     ``feature_low`` and ``feature_high`` are the bounds of the observation space, infinite where it has none.
+    ``groups`` says which features are one-hot together; an observation in which they are not is refused.
     ``n_node_samples`` counts how many observations came by each node, if that is known. ``meta`` is plain
     JSON for whatever else should stay with the tree (the environment's id, the run).
 
@@ -58,6 +60,7 @@ class DecisionTree:
     feature_names: tuple[str, ...]
     feature_low: Float32[np.ndarray, " features"]
     feature_high: Float32[np.ndarray, " features"]
+    groups: tuple[Group, ...] = ()
     n_node_samples: Int64[np.ndarray, " nodes"] | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
 
@@ -74,6 +77,7 @@ class DecisionTree:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         object.__setattr__(self, "feature_names", tuple(self.feature_names))
+        object.__setattr__(self, "groups", check_groups(self.groups, len(self.feature_names)))
         # through JSON and back: a copy nobody else holds, and proof that it can be written
         object.__setattr__(self, "meta", json.loads(json.dumps(dict(self.meta), allow_nan=False)))
         check(self)
@@ -89,6 +93,7 @@ class DecisionTree:
         feature_names: Sequence[str] | None = None,
         feature_low: ArrayLike | None = None,
         feature_high: ArrayLike | None = None,
+        groups: Sequence[Group] = (),
         meta: Mapping[str, Any] | None = None,
     ) -> DecisionTree:
         """Make a tree from a complete one in breadth-first order, as it is trained.
@@ -109,6 +114,7 @@ class DecisionTree:
             feature_names=tuple(feature_names),
             feature_low=np.full(n_features, -np.inf) if feature_low is None else np.asarray(feature_low),
             feature_high=np.full(n_features, np.inf) if feature_high is None else np.asarray(feature_high),
+            groups=tuple(groups),
             meta=meta or {},
         )
 
@@ -148,8 +154,14 @@ class DecisionTree:
         return int(self.node_depth.max())
 
     def apply(self, X: ArrayLike) -> Int32[np.ndarray, "*batch"] | np.int32:
-        """Return the leaf of one observation [features], or of each of many [batch, features]."""
+        """Return the leaf of one observation [features], or of each of many [batch, features].
+
+        Raises:
+            ValueError: if X has another shape, or a group of features is not one-hot.
+            TypeError: if X does not hold numbers.
+        """
         x, single = observation_batch(X, self.n_features)
+        require_one_hot(self.groups, x)
         if single:
             return np.int32(self._leaf_of(x[0].tolist()))
         node = np.zeros(len(x), dtype=np.int32)
@@ -165,8 +177,7 @@ class DecisionTree:
         """Return the deterministic action of one observation [features], or of many [batch, features].
 
         Raises:
-            ValueError: if X has another shape.
-            TypeError: if X does not hold numbers.
+            ValueError, TypeError: as `apply` does.
         """
         leaf = self.apply(X)
         chosen = self.actions.decide(self.value[np.atleast_1d(leaf)])

@@ -1,0 +1,103 @@
+"""Features that together are one choice: of each group exactly one is 1 and the others are 0.
+
+A category (``Discrete``), the object in one cell of a grid, a traffic light: as numbers they are one-hot, as
+words they are "front is lava". Whoever knows the group knows more than the bounds say: a split already
+decided by another category disappears (`sympol.trees.prune`), and the tree reads like sentences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from .floats import printable
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32
+
+
+@final
+@dataclass(frozen=True)
+class Group:
+    """One choice among categories, told by one feature each.
+
+    Args:
+        name: What is chosen, such as ``"front"``; empty where the categories say it all.
+        features: The positions of the features in an observation, one a category.
+        categories: What each feature says when it is 1, such as ``"lava"``.
+        cell: Where this is in what an agent sees: row and column from the upper left, of a square view in
+            which the agent stands in the middle of the lowest row and looks up. None for what is not seen
+            in a place.
+
+    Raises:
+        ValueError: no features, one twice, or not as many categories.
+    """
+
+    name: str
+    features: tuple[int, ...]
+    categories: tuple[str, ...]
+    cell: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        """Make tuples and check."""
+        features, categories = tuple(int(f) for f in self.features), tuple(self.categories)
+        object.__setattr__(self, "features", features)
+        object.__setattr__(self, "categories", categories)
+        if self.cell is not None:
+            row, column = self.cell
+            object.__setattr__(self, "cell", (int(row), int(column)))
+            if min(row, column) < 0:
+                raise ValueError(f"the cell of group {self.name!r} must not be negative, got {self.cell}")
+        if not features or min(features) < 0 or len(set(features)) < len(features):
+            raise ValueError(
+                f"the features of group {self.name!r} must be different positions, got {features}"
+            )
+        if len(categories) != len(features) or not all(isinstance(c, str) for c in (self.name, *categories)):
+            raise ValueError(
+                f"group {self.name!r} must have a category, a string, for each of its {len(features)} features, "
+                f"got {categories!r}"
+            )
+
+    def words(self, feature: int, *, negated: bool = False) -> str:
+        """Say what it means that a feature of this group is 1, or is not: ``front is lava``."""
+        category = printable(self.categories[self.features.index(feature)])
+        if not self.name:
+            return f"not {category}" if negated else category
+        return f"{printable(self.name)} is {'not ' if negated else ''}{category}"
+
+
+def check_groups(groups: Sequence[Group], n_features: int) -> tuple[Group, ...]:
+    """Return the groups if they are of these features and none is in two. Raises ValueError otherwise."""
+    owner: dict[int, str] = {}
+    for group in groups:
+        for feature in group.features:
+            if feature >= n_features:
+                raise ValueError(
+                    f"group {group.name!r} has feature {feature}, but there are {n_features} features"
+                )
+            if feature in owner:
+                raise ValueError(f"feature {feature} is in two groups, {owner[feature]!r} and {group.name!r}")
+            owner[feature] = group.name
+    return tuple(groups)
+
+
+def require_one_hot(groups: Sequence[Group], x: Float32[np.ndarray, "batch features"]) -> None:
+    """Raise ValueError, naming the observation, where a group is not one 1 and otherwise 0."""
+    if not groups:
+        return
+    order = np.concatenate([group.features for group in groups])
+    starts = np.cumsum([0, *(len(group.features) for group in groups[:-1])])
+    chosen = x[:, order]
+    wrong = np.add.reduceat(chosen, starts, axis=1) != 1
+    wrong |= np.logical_or.reduceat((chosen != 0) & (chosen != 1), starts, axis=1)
+    if wrong.any():
+        row, which = np.argwhere(wrong)[0]
+        group = groups[which]
+        raise ValueError(
+            f"group {group.name!r} must be a single 1 and otherwise 0, got {x[row, list(group.features)].tolist()} "
+            f"for {list(group.categories)} in observation {x[row].tolist()}; correct the environment, or leave the "
+            "group out"
+        )
