@@ -5,14 +5,15 @@ from __future__ import annotations
 import contextlib
 import difflib
 import importlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import gymnasium
 
 from ..trees.actions import ActionSpec
+from ..trees.groups import Group
 from .acrobot import Acrobot
 from .cartpole import CartPole
 from .env import Env
@@ -21,8 +22,8 @@ from .mountain_car import MountainCar, MountainCarContinuous
 from .pendulum import Pendulum
 from .spaces import Features, action_spec
 
-Factory: TypeAlias = Callable[[], gymnasium.Env] | Callable[[], Env]
-HostFactory: TypeAlias = Callable[[], gymnasium.Env]
+Factory: TypeAlias = Callable[..., gymnasium.Env] | Callable[..., Env]
+HostFactory: TypeAlias = Callable[..., gymnasium.Env]
 Backend: TypeAlias = Literal["auto", "jax", "host"]
 
 
@@ -30,12 +31,17 @@ class UnknownEnvironment(ValueError):
     """No environment has this id."""
 
 
+class MissingExtra(ImportError):
+    """An environment needs a package that is not installed; the message has the command that installs it."""
+
+
 @dataclass(frozen=True)
 class EnvSpec:
     """One environment, however it was named: what learners and readers need to know of it.
 
     ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
-    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone.
+    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. ``env_kwargs`` is what it was made
+    with, beside its name.
     """
 
     name: str
@@ -47,6 +53,7 @@ class EnvSpec:
     actions: ActionSpec
     max_episode_steps: int | None
     has_one_copy: bool = False  # make_host returns the user's own object, each time
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
 
     def host_envs(self, num_envs: int) -> HostEnvs:
         """Make copies in Gymnasium to step together. Raises ValueError where that many cannot be made."""
@@ -61,30 +68,38 @@ class EnvSpec:
 
 
 class Entry(NamedTuple):
-    """What `register` was told of a name; without ``env`` it is one of Gymnasium's ids."""
+    """What `register` was told of a name; without ``env`` and ``host`` it is one of Gymnasium's ids."""
 
     env: Env | Factory | None = None
+    host: HostFactory | None = None
     feature_names: Sequence[str] | None = None
     action_names: Sequence[str] | None = None
+    groups: Sequence[Group] | None = None
 
 
 _ENTRIES: dict[str, Entry] = {}
+_EXTRAS = ("box2d",)
+"""Of ours, by the name Gymnasium knows them by, too."""
 
 
 def register(
     name: str,
     env: Env | Factory | None = None,
     *,
+    host: HostFactory | None = None,
     feature_names: Sequence[str] | None = None,
     action_names: Sequence[str] | None = None,
+    groups: Sequence[Group] | None = None,
 ) -> None:
     """Give an environment a name, or give names to the features and actions of one.
 
-    ``env`` is written in JAX, or is a function that makes one; leave it out to name what an id of Gymnasium's
-    sees and does. A JAX environment under an id of Gymnasium's is its twin: the one is trained on, the other
-    evaluates. A later registration replaces an earlier one.
+    ``env`` is written in JAX, or is a function that makes one (or a Gymnasium environment); leave it out to
+    name what an id of Gymnasium's sees and does. ``host`` makes the twin in Gymnasium of an environment in JAX:
+    the one is trained on, the other evaluates. By default it is Gymnasium's own of this name, if there is one.
+    Functions are called with the ``env_kwargs`` a user gives. ``groups`` are features that are one-hot together.
+    A later registration replaces an earlier one.
     """
-    _ENTRIES[name] = Entry(env, feature_names, action_names)
+    _ENTRIES[name] = Entry(env, host, feature_names, action_names, groups)
 
 
 register("CartPole-v1", CartPole())
@@ -97,35 +112,47 @@ register("MountainCarContinuous-v0", MountainCarContinuous())
 def resolve(
     env: str | gymnasium.Env | Env | Factory,
     *,
+    env_kwargs: Mapping[str, Any] | None = None,
     feature_names: Sequence[str] | None = None,
     action_names: Sequence[str] | None = None,
+    groups: Sequence[Group] | None = None,
     backend: Backend = "auto",
 ) -> EnvSpec:
     """Find an environment by id, object or factory, and describe it.
 
-    ``backend`` "jax" insists on the form written in JAX, "host" on Gymnasium's; "auto" takes JAX if it can.
-    Names default to the registered ones, the environment's own, or ``x[0]`` and ``action 0``.
+    ``env_kwargs`` are passed to what makes it, as `gymnasium.make` does. ``backend`` "jax" insists on the form
+    written in JAX, "host" on Gymnasium's; "auto" takes JAX if it can. Names and groups default to the registered
+    ones, the environment's own, or ``x[0]`` and ``action 0``.
 
     Raises:
         UnknownEnvironment: no environment has this id; the message offers near ones.
-        ValueError: an unsupported space, names that do not fit, or a backend that this environment lacks.
+        MissingExtra: it needs a package that is not installed.
+        ValueError: an unsupported space, names or groups that do not fit, kwargs that the environment does not
+            take, or a backend that it lacks.
         TypeError: not an environment at all.
     """
     if backend not in get_args(Backend):
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
+    kwargs = dict(env_kwargs or {})
     entry = _ENTRIES.get(env, Entry()) if isinstance(env, str) else Entry()
-    example, make_host, has_one_copy = _open(
-        entry.env or (partial(_make, env) if isinstance(env, str) else env)
-    )
+    source = entry.env or entry.host or (partial(_make, env) if isinstance(env, str) else env)
+    example, make_host, has_one_copy = _open(source, kwargs)
     name = env if isinstance(env, str) else _name(example)
     jax_env = None if isinstance(example, gymnasium.Env) else example
-    if jax_env is not None and name in gymnasium.registry:
-        make_host = partial(_make, name)
+    if jax_env is not None and entry.host is not None:
+        make_host = partial(entry.host, **kwargs)
+    elif jax_env is not None and name in gymnasium.registry:
+        make_host = partial(_make, name, **kwargs)
     if backend == "jax" and jax_env is None:
         raise ValueError(f"{name} is not written in JAX; use backend='host' or 'auto'")
     if backend == "host" and make_host is None:
         raise ValueError(
             f"{name} is written in JAX and has no form in Gymnasium; use backend='jax' or 'auto'"
+        )
+
+    def own(what: str, given: Any) -> Any:
+        return next(
+            (g for g in (given, getattr(entry, what), getattr(example, what, None)) if g is not None), None
         )
 
     return EnvSpec(
@@ -135,20 +162,13 @@ def resolve(
         observation_space=example.observation_space,
         action_space=example.action_space,
         features=Features.of(
-            example.observation_space,
-            _first(feature_names, entry.feature_names, getattr(example, "feature_names", None)),
+            example.observation_space, own("feature_names", feature_names), own("groups", groups)
         ),
-        actions=action_spec(
-            example.action_space,
-            _first(action_names, entry.action_names, getattr(example, "action_names", None)),
-        ),
+        actions=action_spec(example.action_space, own("action_names", action_names)),
         max_episode_steps=_max_episode_steps(example),
         has_one_copy=has_one_copy,
+        env_kwargs=kwargs,
     )
-
-
-def _first(*names: Sequence[str] | None) -> Sequence[str] | None:
-    return next((given for given in names if given is not None), None)
 
 
 class _Source(NamedTuple):
@@ -159,14 +179,23 @@ class _Source(NamedTuple):
     has_one_copy: bool = False
 
 
-def _open(env: Any) -> _Source:
+def _open(env: Any, kwargs: dict[str, Any]) -> _Source:
     is_factory = _is_factory(env)
-    example = env() if is_factory else env
+    if kwargs and not is_factory:
+        raise ValueError(
+            f"env_kwargs are for an environment that is made by id or by a function, got {kwargs}"
+        )
+    try:
+        example = env(**kwargs) if is_factory else env
+    except TypeError as error:
+        if not kwargs:
+            raise
+        raise ValueError(f"env_kwargs {kwargs} do not fit this environment: {error}") from error
     if isinstance(example, gymnasium.Env):
         if not is_factory:
             return _remake(example)
         example.close()
-        return _Source(example, env)
+        return _Source(example, partial(env, **kwargs) if kwargs else env)
     if isinstance(example, Env) and not isinstance(example, gymnasium.vector.VectorEnv):
         space = example.observation_space
         if not isinstance(space, gymnasium.spaces.Box) or len(space.shape) != 1:
@@ -194,7 +223,7 @@ def _remake(env: gymnasium.Env) -> _Source:
     return _Source(env, lambda: env, has_one_copy=True)
 
 
-def _make(env_id: str) -> gymnasium.Env:
+def _make(env_id: str, **kwargs: Any) -> gymnasium.Env:
     """Make one of Gymnasium's by its id, or by ``module:id`` where importing a module registers it."""
     module, _, name = env_id.rpartition(":")
     try:
@@ -210,7 +239,13 @@ def _make(env_id: str) -> gymnasium.Env:
             f"it, as in 'module:Name-v0'. ({error})"
         ) from error
     # the checker would repeat its warnings for every copy; what cannot be trained on, HostEnvs refuses
-    return gymnasium.make(name, disable_env_checker=True)
+    try:
+        return gymnasium.make(name, disable_env_checker=True, **kwargs)
+    except gymnasium.error.DependencyNotInstalled as error:
+        hint = next(
+            (f"install it: pip install 'sympol[{extra}]'" for extra in _EXTRAS if extra in str(error)), ""
+        )
+        raise MissingExtra(f"{env_id} needs a package that is not installed; {hint} ({error})") from error
 
 
 def _name(env: gymnasium.Env | Env) -> str:
