@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sympol.trees import BoxActions, DecisionTree, DiscreteActions
+from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group
 
 
 @pytest.fixture
@@ -31,3 +31,20 @@ def pendulum() -> DecisionTree:
         actions=BoxActions(-2, 2, (1,), ("torque",), std=(0.5,)),
         feature_names=["cos θ", "sin θ", "angular velocity"],
     )
+
+
+@pytest.fixture
+def front() -> DecisionTree:
+    """A policy that asks about a group and about a number, and twice what it knows already."""
+    tree = DecisionTree.from_complete(
+        np.array([3, 2, 5, 0, 2, 1, 1]),
+        np.array([0.5, 0.0, 0.25, -0.1, 0.5, 0.5, 0.5]),
+        np.eye(3)[[0, 1, 2, 0, 1, 1, 1, 1]],
+        actions=DiscreteActions(3, ("turn left", "turn right", "move forward")),
+        feature_names=["speed", "front is empty", "front is wall", "front is lava", "front is goal", "steps"],
+        feature_low=[-1, 0, 0, 0, 0, 0],
+        feature_high=[1, 1, 1, 1, 1, np.inf],
+        groups=[Group("front", (1, 2, 3, 4), ("empty", "wall", "lava", "goal"), cell=(0, 1))],
+    )
+    seen = np.eye(4)[[0, 0, 3, 1, 1, 2, 2, 2]]
+    return tree.with_visits(np.column_stack([np.linspace(-1, 1, 8), seen, np.arange(8) / 4]))

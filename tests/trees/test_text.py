@@ -3,8 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.trees import DecisionTree, DiscreteActions
+from sympol.trees import DecisionTree, DiscreteActions, Group
 from sympol.trees.floats import number, printable
+from sympol.trees.text import question
 
 from .samples import ACTIONS, HOSTILE_NAMES, chain, random_tree
 
@@ -58,6 +59,66 @@ def test_conditions_on_one_feature_become_an_interval():
     ]
 
 
+@pytest.mark.parametrize("form", ["txt", "rules"])
+def test_golden_of_a_group(front, form):
+    written = str(front) if form == "txt" else "\n".join(front.rules())
+    assert written + "\n" == (GOLDEN / f"front.{form}").read_text(encoding="utf-8")
+
+
+def one_split(
+    threshold: float, name: str = "door", categories: tuple[str, ...] = ("open", "shut")
+) -> DecisionTree:
+    return DecisionTree.from_complete(
+        np.array([1]),
+        np.array([threshold]),
+        np.eye(2),
+        actions=DiscreteActions(2),
+        feature_names=[f"x[{i}]" for i in range(len(categories))],
+        groups=[Group(name, tuple(range(len(categories))), categories)],
+    )
+
+
+@pytest.mark.parametrize("threshold", [0.0, -0.0, 0.5, np.nextafter(np.float32(1), np.float32(0))])
+def test_a_split_between_zero_and_one_asks_for_the_category(threshold):
+    tree = one_split(threshold)
+    asked = question(tree, 0)
+    assert asked.words == "door is shut"
+    assert [asked.yes_child, asked.no_child] == tree.apply([[0, 1], [1, 0]]).tolist()
+    assert tree.rules() == ["If door is shut: action 1.", "If door is open: action 0."]
+
+
+@pytest.mark.parametrize("threshold", [-0.1, 1.0, 7.0])
+def test_a_split_elsewhere_asks_for_the_number(threshold):
+    asked = question(one_split(threshold), 0)
+    assert asked.words == f"x[1] ≤ {number(threshold)}"
+    assert (asked.yes_child, asked.no_child) == (1, 2)
+
+
+def test_what_a_group_is_not_becomes_one_phrase():
+    def first_rule(n_asked: int, name: str) -> str:
+        group = Group(name, (0, 1, 2, 3, 4), ("wall", "lava", "goal", "door", "key"))
+        tree = DecisionTree.from_complete(
+            np.array([0, 1, 0, 2, 0, 0, 0])[: 2**n_asked - 1],
+            np.zeros(7)[: 2**n_asked - 1],
+            np.eye(8)[: 2**n_asked],
+            actions=DiscreteActions(8),
+            feature_names=["x"] * 5,
+            groups=[group],
+        )
+        return next(rule for rule in tree.rules() if "action 0" in rule)
+
+    assert [first_rule(n, "front") for n in (1, 2, 3)] == [
+        "If front is not wall: action 0.",
+        "If front is neither wall nor lava: action 0.",
+        "If front is neither wall, lava nor goal: action 0.",
+    ]
+    assert [first_rule(n, "") for n in (1, 2, 3)] == [
+        "If not wall: action 0.",
+        "If neither wall nor lava: action 0.",
+        "If neither wall, lava nor goal: action 0.",
+    ]
+
+
 def test_shares_are_never_rounded_to_nothing_or_all():
     tree = DecisionTree.from_complete(np.array([0]), np.array([0.0]), np.eye(2), actions=DiscreteActions(2))
     text = str(tree.with_visits(np.array([[0.0]] * 9999 + [[1.0]])))
@@ -72,6 +133,7 @@ def test_hostile_names_stay_on_their_line():
         np.eye(8),
         actions=DiscreteActions(8, tuple(HOSTILE_NAMES)),
         feature_names=HOSTILE_NAMES,
+        groups=[Group(HOSTILE_NAMES[1], (0, 2, 3), (HOSTILE_NAMES[0], *HOSTILE_NAMES[2:4]))],
     )
     text = tree.to_text()
     assert len(text.splitlines()) == tree.n_nodes

@@ -68,6 +68,14 @@ class Group:
             return f"not {category}" if negated else category
         return f"{printable(self.name)} is {'not ' if negated else ''}{category}"
 
+    def words_without(self, features: Sequence[int]) -> str:
+        """Say that none of these features of this group is 1: ``front is neither lava nor wall``."""
+        if len(features) == 1:
+            return self.words(features[0], negated=True)
+        *some, last = (printable(self.categories[self.features.index(feature)]) for feature in features)
+        neither = f"neither {', '.join(some)} nor {last}"
+        return f"{printable(self.name)} is {neither}" if self.name else neither
+
 
 def check_groups(groups: Sequence[Group], n_features: int) -> tuple[Group, ...]:
     """Return the groups if they are of these features and none is in two. Raises ValueError otherwise."""

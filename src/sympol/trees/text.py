@@ -1,13 +1,41 @@
 """Trees as text: a listing that follows the tree, and one sentence a leaf.
 
 ``≤`` is the tree's own comparison of float32 numbers, and ``>`` is its opposite: where an observation is NaN,
-the answer is no.
+the answer is no. A split between the 0 and the 1 of a feature that is one-hot with others reads as what the 1
+means: ``front is lava``. There yes is the right child, everywhere else the left one; `question` tells.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 from .floats import number, printable
+from .groups import Group
 from .tree import DecisionTree
+
+
+@dataclass(frozen=True)
+class Question:
+    """What an inner node asks, and the children that yes and no lead to."""
+
+    words: str
+    yes_child: int
+    no_child: int
+
+
+def question(tree: DecisionTree, node: int, digits: int | None = None) -> Question:
+    """Put an inner node as a question, for everyone who writes or draws trees."""
+    left, right = int(tree.children_left[node]), int(tree.children_right[node])
+    feature = int(tree.feature[node])
+    if (group := asked_group(tree, node)) is not None:
+        return Question(group.words(feature), yes_child=right, no_child=left)
+    words = f"{printable(tree.feature_names[feature])} ≤ {number(tree.threshold[node], digits)}"
+    return Question(words, yes_child=left, no_child=right)
+
+
+def asked_group(tree: DecisionTree, node: int) -> Group | None:
+    """Return the group about which an inner node asks whether it is one category; None if it asks for numbers."""
+    return tree.group_of.get(int(tree.feature[node])) if 0 <= tree.threshold[node] < 1 else None
 
 
 def to_text(tree: DecisionTree, *, digits: int | None = None) -> str:
@@ -22,34 +50,35 @@ def to_text(tree: DecisionTree, *, digits: int | None = None) -> str:
         node, head, indent = awaited.pop()
         lines.append((head + node_words(tree, node, digits), visit_share(tree, node)))
         if not tree.is_leaf[node]:
-            left, right = int(tree.children_left[node]), int(tree.children_right[node])
-            awaited.append((right, indent + "└─ no:  ", indent + "   "))
-            awaited.append((left, indent + "├─ yes: ", indent + "│  "))
+            asked = question(tree, node, digits)
+            awaited.append((asked.no_child, indent + "└─ no:  ", indent + "   "))
+            awaited.append((asked.yes_child, indent + "├─ yes: ", indent + "│  "))
     width = max(len(line) for line, _ in lines)
     return "\n".join(f"{line:<{width}}  {share:>5}".rstrip() for line, share in lines)
 
 
 def rules(tree: DecisionTree, *, digits: int | None = None) -> list[str]:
-    """Write one sentence a leaf, from left to right; several conditions on a feature become one interval."""
+    """Write one sentence a leaf, in the order of the listing.
+
+    Several conditions on a feature become one interval, several on a group become one phrase.
+    """
     sentences: list[str] = []
-    awaited: list[tuple[int, dict[int, tuple[float | None, float | None]]]] = [(0, {})]
+    awaited: list[tuple[int, dict[int | Group, _Interval | _Choice]]] = [(0, {})]
     while awaited:
         node, known = awaited.pop()
         if tree.is_leaf[node]:
-            conditions = " and ".join(
-                _interval(printable(tree.feature_names[feature]), above, most, digits)
-                for feature, (above, most) in known.items()
-            )
+            conditions = " and ".join(condition.words(digits) for condition in known.values())
             share = visit_share(tree, node)
             answer = node_words(tree, node, digits) + (f" ({share})" if share else "")
             sentences.append(f"If {conditions}: {answer}." if conditions else f"Always: {answer}.")
             continue
         feature, threshold = int(tree.feature[node]), float(tree.threshold[node])
-        above, most = known.get(feature, (None, None))
-        higher = threshold if above is None else max(above, threshold)
-        lower = threshold if most is None else min(most, threshold)
-        awaited.append((int(tree.children_right[node]), {**known, feature: (higher, most)}))
-        awaited.append((int(tree.children_left[node]), {**known, feature: (above, lower)}))
+        asked, group = question(tree, node, digits), asked_group(tree, node)
+        about = feature if group is None else group
+        new = _Interval(tree.feature_names[feature]) if group is None else _Choice(group)
+        for child, yes in ((asked.no_child, False), (asked.yes_child, True)):
+            told = known.get(about, new).told(feature, threshold, yes=yes)
+            awaited.append((child, {**known, about: told}))
     return sentences
 
 
@@ -57,7 +86,7 @@ def node_words(tree: DecisionTree, node: int, digits: int | None = None) -> str:
     """Say what an inner node asks, or what a leaf does."""
     if tree.is_leaf[node]:
         return ", ".join(leaf_words(tree, node, digits))
-    return f"{printable(tree.feature_names[tree.feature[node]])} ≤ {number(tree.threshold[node], digits)}"
+    return question(tree, node, digits).words
 
 
 def leaf_words(tree: DecisionTree, leaf: int, digits: int | None = None) -> tuple[str, ...]:
@@ -76,9 +105,52 @@ def visit_share(tree: DecisionTree, leaf: int) -> str:
     return ">99 %" if 0.995 <= share < 1 else f"{share:.0%}".replace("%", " %")
 
 
-def _interval(name: str, above: float | None, most: float | None, digits: int | None) -> str:
-    if above is None:
-        return f"{name} ≤ {number(most or 0.0, digits)}"
-    if most is None:
-        return f"{name} > {number(above, digits)}"
-    return f"{number(above, digits)} < {name} ≤ {number(most, digits)}"
+@dataclass(frozen=True)
+class _Interval:
+    """What the way to a leaf tells of a feature."""
+
+    name: str
+    above: float | None = None
+    most: float | None = None
+
+    def told(self, feature: int, threshold: float, *, yes: bool) -> _Interval:
+        if yes:
+            return replace(self, most=threshold if self.most is None else min(self.most, threshold))
+        return replace(self, above=threshold if self.above is None else max(self.above, threshold))
+
+    def words(self, digits: int | None) -> str:
+        name = printable(self.name)
+        if self.above is None:
+            return f"{name} ≤ {number(self.most or 0.0, digits)}"
+        if self.most is None:
+            return f"{name} > {number(self.above, digits)}"
+        return f"{number(self.above, digits)} < {name} ≤ {number(self.most, digits)}"
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """What the way to a leaf tells of a group: the features that were said to be 1, and to be 0."""
+
+    group: Group
+    is_one: tuple[int, ...] = ()
+    is_zero: tuple[int, ...] = ()
+
+    def told(self, feature: int, threshold: float, *, yes: bool) -> _Choice:
+        if feature in (self.is_one if yes else self.is_zero):
+            return self
+        return (
+            replace(self, is_one=(*self.is_one, feature))
+            if yes
+            else replace(self, is_zero=(*self.is_zero, feature))
+        )
+
+    def words(self, digits: int | None) -> str:
+        left = [feature for feature in self.group.features if feature not in self.is_zero]
+        if not self.is_one and len(left) != 1:
+            return self.group.words_without(self.is_zero)
+        # a tree that was not pruned may contradict itself, and then its rules do
+        phrases = [self.group.words(feature) for feature in self.is_one or left]
+        phrases += [
+            self.group.words(feature, negated=True) for feature in self.is_one if feature in self.is_zero
+        ]
+        return " and ".join(phrases)

@@ -140,6 +140,11 @@ class DecisionTree:
         leaf.setflags(write=False)
         return leaf
 
+    @cached_property
+    def group_of(self) -> Mapping[int, Group]:
+        """The group of each feature that is in one."""
+        return {feature: group for group in self.groups for feature in group.features}
+
     @property
     def node_depth(self) -> Int[np.ndarray, " nodes"]:
         """Comparisons above each node."""
