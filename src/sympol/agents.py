@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -23,7 +23,7 @@ from .evaluate import fitted_actions, sample_actions
 from .policies.extract import extract_tree
 from .runs.folder import Run
 from .runs.progress import ProgressBar
-from .trees import DecisionTree
+from .trees import DecisionTree, Group
 from .trees.actions import BoxActions
 
 POLICIES = ("tree",)
@@ -53,8 +53,10 @@ class PPO:
             written in JAX (`sympol.envs.env`).
         seed: Of everything random. The same seed on the same machine gives the same tree, bit for bit.
         preset: ``"default"`` or ``"paper"``: the hyperparameters to start from.
+        env_kwargs: What to make the environment with, where it is an id or a function.
         feature_names: Names for the features, where the environment's own should not do.
         action_names: Names for the actions, idem.
+        groups: Features that are one-hot together, idem.
         backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, ``"host"`` on
             Gymnasium always.
         config: Any field of `PPOConfig`, in place of the preset's.
@@ -72,8 +74,10 @@ class PPO:
         *,
         seed: int = 0,
         preset: str = DEFAULT,
+        env_kwargs: Mapping[str, Any] | None = None,
         feature_names: Sequence[str] | None = None,
         action_names: Sequence[str] | None = None,
+        groups: Sequence[Group] | None = None,
         backend: Backend = "auto",
         **config: Any,
     ) -> None:
@@ -84,7 +88,14 @@ class PPO:
         self.spec: EnvSpec = (
             env
             if isinstance(env, EnvSpec)
-            else resolve(env, feature_names=feature_names, action_names=action_names, backend=backend)
+            else resolve(
+                env,
+                env_kwargs=env_kwargs,
+                feature_names=feature_names,
+                action_names=action_names,
+                groups=groups,
+                backend=backend,
+            )
         )
         self.seed = int(seed)
         self.preset = preset

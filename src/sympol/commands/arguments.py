@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import difflib
 import io
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -43,6 +44,9 @@ class Train:
 
     resume: bool = False
     """Go on with the run that is in --run-dir."""
+
+    env_kwargs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = ()
+    """What to make the environment with, such as view_size=5 or continuous=true."""
 
     backend: Backend = "auto"
     """jax: inside the compiled program; host: through Gymnasium; auto: jax where there is one."""
@@ -137,6 +141,22 @@ def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Gi
         hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
         raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
     return parsed
+
+
+def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
+    """``NAME=VALUE`` as keyword arguments; a value is a number, true, false, a list, or else a word."""
+    kwargs: dict[str, Any] = {}
+    for argument in given:
+        name, equals, value = argument.partition("=")
+        if not equals or not name.isidentifier():
+            raise ValueError(
+                f"--env-kwargs must be of the form NAME=VALUE, as in view_size=5, got {argument!r}"
+            )
+        try:
+            kwargs[name] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            kwargs[name] = value
+    return kwargs
 
 
 def parse_train(arguments: Sequence[str]) -> Train:

@@ -13,7 +13,7 @@ from ..envs.registry import resolve
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run, RunError
 from ..runs.metrics import TensorBoard
-from .arguments import Resume, Train, parse, parse_train
+from .arguments import Resume, Train, env_kwargs, parse, parse_train
 from .learn import learn
 from .say import err, one_line_errors, print_warning
 
@@ -26,7 +26,7 @@ def train(arguments: Sequence[str]) -> int:
         raise ValueError(f"--eval-episodes must be at least 1, got {given.eval_episodes}")
     if not given.env:
         raise ValueError("name an environment, as in: sympol train CartPole-v1")
-    spec = resolve(given.env, backend=given.backend)
+    spec = resolve(given.env, env_kwargs=env_kwargs(given.env_kwargs), backend=given.backend)
     agent = PPO("tree", spec, seed=given.seed, **dataclasses.asdict(given.config))
     if given.resume:
         return _continue(_same_run(given, agent), given.eval_episodes, given.json)
@@ -57,8 +57,10 @@ def _same_run(given: Train, agent: PPO) -> Path:
     if given.run_dir is None or given.overwrite:
         raise RunError("--resume needs the folder to go on in, as --run-dir, and cannot go with --overwrite")
     run = Run.open(given.run_dir)
-    was = {"env": run.about["env"], "seed": run.seed, **run.config.to_dict()}
-    now = {"env": agent.spec.name, "seed": agent.seed, **agent.config.to_dict()}
+    about = run.about
+    was = {"env": about["env"], "env_kwargs": about["env_kwargs"], "seed": run.seed, **run.config.to_dict()}
+    spec = agent.spec
+    now = {"env": spec.name, "env_kwargs": spec.env_kwargs, "seed": agent.seed, **agent.config.to_dict()}
     changed = [f"{name} {was[name]}, not {now[name]}" for name in was if was[name] != now[name]]
     if changed:
         raise RunError(

@@ -78,6 +78,7 @@ class Entry(NamedTuple):
 
 
 _ENTRIES: dict[str, Entry] = {}
+_PLAIN = bool | int | float | str
 _EXTRAS = ("box2d",)
 """Of ours, by the name Gymnasium knows them by, too."""
 
@@ -135,7 +136,11 @@ def resolve(
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
     kwargs = dict(env_kwargs or {})
     entry = _ENTRIES.get(env, Entry()) if isinstance(env, str) else Entry()
-    source = entry.env or entry.host or (partial(_make, env) if isinstance(env, str) else env)
+    source: Any = partial(_make, env) if isinstance(env, str) else env
+    if entry.env is not None and not (kwargs and not _is_factory(entry.env)):
+        source = entry.env  # else it takes no kwargs, and Gymnasium's may
+    elif entry.host is not None:
+        source = entry.host
     example, make_host, has_one_copy = _open(source, kwargs)
     name = env if isinstance(env, str) else _name(example)
     jax_env = None if isinstance(example, gymnasium.Env) else example
@@ -167,7 +172,7 @@ def resolve(
         actions=action_spec(example.action_space, own("action_names", action_names)),
         max_episode_steps=_max_episode_steps(example),
         has_one_copy=has_one_copy,
-        env_kwargs=kwargs,
+        env_kwargs=kwargs or ({} if isinstance(env, str) else _made_with(example)),
     )
 
 
@@ -252,6 +257,20 @@ def _name(env: gymnasium.Env | Env) -> str:
     if not isinstance(env, gymnasium.Env):
         return type(env).__name__
     return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
+
+
+def _made_with(env: gymnasium.Env | Env) -> dict[str, Any]:
+    """What `gymnasium.make` was told of an object, where it can be written down: its run is remade from that."""
+    spec = env.spec if isinstance(env, gymnasium.Env) else None
+    if spec is None:
+        return {}
+    registered = gymnasium.registry.get(spec.id)
+    usual = registered.kwargs if registered is not None else {}
+    return {
+        k: v
+        for k, v in spec.kwargs.items()
+        if isinstance(v, _PLAIN) and usual.get(k) != v and k != "render_mode"
+    }
 
 
 def _max_episode_steps(env: gymnasium.Env | Env) -> int | None:

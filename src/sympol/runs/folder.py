@@ -18,6 +18,7 @@ import platform
 import shutil
 import tomllib
 from collections.abc import Mapping
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from .. import __version__
 from ..algos.config import ConfigError, PPOConfig
 from ..algos.state import TrainState
 from ..envs.registry import EnvSpec, UnknownEnvironment, resolve
-from ..trees import DecisionTree
+from ..trees import DecisionTree, Group
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
 from .metrics import MetricsFile
 
@@ -42,7 +43,11 @@ _ABOUT = {
     "eval_episodes": int,
     "feature_names": list,
     "action_names": list,
+    "env_kwargs": dict,
+    "groups": list,
 }
+_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": []}
+"""What runs may lack, and what it was when they were made."""
 _MADE = (
     "checkpoints",
     "tensorboard",
@@ -107,8 +112,11 @@ class Run:
             "eval_episodes": eval_episodes,
             "feature_names": list(spec.features.names),
             "action_names": list(spec.actions.names),
+            "env_kwargs": dict(spec.env_kwargs),
+            "groups": [_group_to_toml(group) for group in spec.features.groups],
         }
-        content = {"run": about, "config": config.to_dict(), "versions": versions()}
+        written = {name: value for name, value in about.items() if value != _LATER.get(name)}
+        content = {"run": written, "config": config.to_dict(), "versions": versions()}
         try:
             path.mkdir(parents=True, exist_ok=True)
             for name in _MADE:  # what others put beside them stays
@@ -146,13 +154,14 @@ class Run:
                 f"sympol {__version__}, which reads format {FORMAT}: install the version that made it"
             )
         for name, kind in _ABOUT.items():
-            value = about.setdefault("eval_episodes", 20) if name == "eval_episodes" else about.get(name)
-            parts = value if isinstance(value, list) else ["none"]
+            value = about.setdefault(name, _LATER[name]) if name in _LATER else about.get(name)
+            parts = value if name.endswith("_names") and isinstance(value, list) else ["none"]
             if type(value) is not kind or not all(isinstance(part, str) for part in parts):
                 raise RunError(f"{path / 'config.toml'}: {name} must be a {kind.__name__}, got {value!r}")
         try:
+            about["groups"] = [Group(**group) for group in about["groups"]]
             return cls(path, about, PPOConfig.from_dict(config))
-        except ConfigError as error:
+        except (ConfigError, TypeError, ValueError) as error:
             raise RunError(f"{path / 'config.toml'}: {error}") from error
 
     @property
@@ -171,6 +180,8 @@ class Run:
                 self.about["env"] if env is None else env,
                 feature_names=self.about["feature_names"],
                 action_names=self.about["action_names"],
+                env_kwargs=self.about["env_kwargs"] if env is None else None,
+                groups=self.about["groups"],
                 backend=self.about["backend"] if env is None else "auto",
             )
         except UnknownEnvironment as error:
@@ -250,6 +261,10 @@ class Run:
 
     def _write(self, name: str, text: str) -> None:
         write_atomically(self.path / name, text.encode())
+
+
+def _group_to_toml(group: Group) -> dict[str, Any]:
+    return {name: value for name, value in asdict(group).items() if value is not None}
 
 
 def _is_run(config_file: Path) -> bool:
