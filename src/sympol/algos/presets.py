@@ -1,4 +1,4 @@
-"""Hyperparameters by environment: ours (``default``) and the paper's (``paper``), each with its source."""
+"""Hyperparameters by environment and policy: ours (``default``) and the paper's (``paper``), each with its source."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .config import ConfigError
 DEFAULT = "default"
 
 
-def presets_of(env_name: str) -> dict[str, dict[str, Any]]:
+def presets_of(env_name: str, policy: str = "tree") -> dict[str, dict[str, Any]]:
     """All presets of an environment by name; none for an environment without a file."""
     file = files("sympol") / "presets" / f"{env_name.replace('/', '_')}.toml"
-    return tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    return tomllib.loads(file.read_text(encoding="utf-8")).get(policy, {}) if file.is_file() else {}
 
 
 def preset(env_name: str, name: str = DEFAULT) -> dict[str, Any]:
