@@ -11,6 +11,7 @@ from gymnasium.spaces import Box, Discrete
 
 from sympol.envs import registry
 from sympol.envs.cartpole import CartPole
+from sympol.envs.names import NAMES
 from sympol.envs.registry import UnknownEnvironment, register, resolve
 
 from .probes import MultiDiscreteMatch
@@ -59,7 +60,7 @@ def test_backends() -> None:
         resolve("FrozenLake-v1", backend="jax")
     with pytest.raises(ValueError, match="MultiDiscreteMatch is written in JAX and has no form in Gymnasium"):
         resolve(MultiDiscreteMatch(), backend="host")
-    with pytest.raises(ValueError, match="must be one of auto, jax, host, got 'gpu'"):
+    with pytest.raises(ValueError, match="must be one of auto, jax, host, envpool, got 'gpu'"):
         resolve("CartPole-v1", backend="gpu")  # type: ignore[arg-type]
 
 
@@ -190,3 +191,42 @@ def test_a_twin_is_found_without_making_gymnasiums() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_gymnasium_s_own_environments_have_names(name):
+    spec = resolve(name)
+    assert (spec.features.names, spec.actions.names) == NAMES[name]
+
+
+def test_names_that_no_longer_fit_are_left_out():
+    lake = resolve("FrozenLake-v1", env_kwargs={"map_name": "8x8"})
+    assert (lake.features.names[0], lake.actions.names[0]) == ("x = 0", "left")
+    lander = resolve("LunarLander-v3", env_kwargs={"continuous": True})
+    assert (lander.features.names[1], lander.actions.names) == ("height", ("action[0]", "action[1]"))
+
+
+def test_a_wrapped_environment_has_no_names_but_its_own():
+    wrapped = gymnasium.wrappers.RescaleObservation(gymnasium.make("LunarLander-v3"), -1, 1)
+    assert resolve(wrapped).features.names[0] == "x[0]"
+
+
+def test_arguments_of_an_environment_with_a_twin_in_jax_make_it_in_gymnasium():
+    spec = resolve("Pendulum-v1", env_kwargs={"g": 5.0})
+    assert spec.env is None
+    assert spec.make_host().unwrapped.g == 5.0
+    with pytest.raises(ValueError, match="not written in JAX"):
+        resolve("Pendulum-v1", env_kwargs={"g": 5.0}, backend="jax")
+
+
+def test_what_an_object_was_made_with_is_known():
+    assert resolve(gymnasium.make("Pendulum-v1", g=5.0)).env_kwargs == {"g": 5.0}
+    assert resolve(gymnasium.make("LunarLanderContinuous-v3", render_mode="rgb_array")).env_kwargs == {}
+
+
+@pytest.mark.parametrize(
+    ("env", "message"), [("LunarLander-v3", "wings"), (CartPole(), "by id or by a function")]
+)
+def test_arguments_that_do_not_fit_are_an_error(env, message):
+    with pytest.raises(ValueError, match=message):
+        resolve(env, env_kwargs={"wings": 2})
