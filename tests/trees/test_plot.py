@@ -5,11 +5,29 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from sympol.trees import DecisionTree, DiscreteActions
+from sympol.trees import DecisionTree, DiscreteActions, Group
 from sympol.trees.layout import levels, tidy
-from sympol.trees.plot import MOST_NODES
+from sympol.trees.plot import MOST_NODES, _arrange
+from sympol.trees.plot_boxes import INK
+from sympol.trees.plot_view import ViewBox, glyph
+from sympol.trees.text import question
 
 from .samples import ACTIONS, HOSTILE_NAMES, chain, random_tree
+
+OBJECTS = ("unseen", "empty", "wall", "floor", "door", "key", "ball", "box", "goal", "lava", "agent")
+
+
+def sees(categories: tuple[str, ...], cell: tuple[int, int] | None, asked: int = 0) -> DecisionTree:
+    """A stump that asks what is in a cell."""
+    n = len(categories)
+    return DecisionTree.from_complete(
+        np.array([asked]),
+        np.array([0.5]),
+        np.eye(2),
+        actions=DiscreteActions(2, ("turn left", "forward")),
+        feature_names=[f"front {i}" for i in range(n)],
+        groups=[Group("front", tuple(range(n)), categories, cell=cell)],
+    )
 
 
 @pytest.mark.parametrize("depth", [0, 1, 3, 6])
@@ -32,6 +50,24 @@ def test_nodes_never_overlap(depth):
             np.ravel([tree.children_left[inner], tree.children_right[inner]], "F"),
         )
         assert (y[child] - size[child] / 2 > y[parent] + size[parent] / 2).all()
+
+
+def test_right_children_first_is_the_mirror_image():
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, ACTIONS["discrete"], depth=5).prune()
+    size = rng.uniform(0.1, 2, tree.n_nodes)
+    x = tidy(tree, size, gap=0.1)
+    mirrored = tidy(tree, size, 0.1, np.ones(tree.n_nodes, bool))
+    assert np.allclose(mirrored, (x + size / 2).max() - x)
+
+
+def test_yes_comes_first_whichever_child_it_is(front):
+    for tree in (front, front.prune()):
+        layout, _ = _arrange(tree, digits=4)
+        aside = layout.centre[:, 0 if layout.downward else 1]
+        for node in np.flatnonzero(~tree.is_leaf):
+            asked = question(tree, int(node))
+            assert aside[asked.yes_child] < aside[asked.no_child]
 
 
 @pytest.mark.parametrize("kind", ACTIONS)
@@ -100,3 +136,76 @@ def test_what_cannot_be_drawn_is_refused(cartpole, tmp_path):
         cartpole.plot(tmp_path / "tree.gif")
     with pytest.raises(ValueError, match="prune the tree first"):
         chain(MOST_NODES, to_left=True, actions=DiscreteActions(2)).plot()
+
+
+def test_a_split_on_what_is_seen_shows_the_view(front, tmp_path):
+    _, boxes = _arrange(front, digits=4)
+    views = [box for box in boxes if isinstance(box, ViewBox)]
+    assert {(view.side, view.cell) for view in views} == {(2, (0, 1))}
+    assert {view.words for view in views} == {"front is lava", "front is wall", "front is empty"}
+    for path in (tmp_path / "a.svg", tmp_path / "b.svg"):
+        figure = front.plot(path)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    shown = [text.get_text() for text in figure.axes[0].texts]
+    assert {"front is lava", "speed", "↰ turn left", "↱ turn right", "↑ move forward"} <= {
+        words.split("   ")[0] for words in shown
+    }
+
+
+def test_what_is_not_in_a_cell_is_said_in_words():
+    figure = sees(("red", "green"), cell=None).plot()
+    assert [text.get_text() for text in figure.axes[0].texts] == [
+        "yes",
+        "no",
+        "front is red",
+        "turn left",
+        "forward",
+    ]
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 7, 40])
+@pytest.mark.parametrize("category", [*OBJECTS, *HOSTILE_NAMES, "x" * 500])
+def test_every_object_can_be_drawn_in_views_of_every_size(side, category):
+    tree = sees(("other", category), cell=(side - 1, side // 2), asked=1)
+    assert max(tree.plot().get_size_inches()) < 10
+
+
+def test_objects_differ_by_their_form_alone():
+    forms = {name: [line.points.tolist() for line in glyph(name)] for name in OBJECTS}
+    assert [name for name, form in forms.items() if not form] == ["empty"]
+    assert len({str(form) for form in forms.values()}) == len(OBJECTS)
+    states = [
+        str([line.points.tolist() for line in glyph(f"{state} door")])
+        for state in ("open", "closed", "locked")
+    ]
+    assert len(set(states)) == 3
+
+
+def test_objects_have_the_colours_they_are_said_to_have():
+    red, green = glyph("red key"), glyph("Green key")
+    assert len(red) == len(green) == len(glyph("key"))
+    assert red[0].fill != green[0].fill
+    assert glyph("locked red door")[0].fill == red[0].fill
+    assert glyph("wet key") == glyph("crate") == glyph("") == ()
+
+
+def test_the_way_of_an_observation_stands_out(front, cartpole):
+    from matplotlib.colors import to_hex
+    from matplotlib.patches import FancyBboxPatch
+
+    def lit(tree: DecisionTree, x: np.ndarray | None) -> list[bool]:
+        patches = tree.plot(highlight=x).axes[0].patches
+        boxes = [
+            p for p in patches if isinstance(p, FancyBboxPatch) and p.get_linewidth() and p.get_edgecolor()[3]
+        ]
+        return [to_hex(box.get_edgecolor()).upper() == INK for box in boxes]
+
+    for category in np.eye(4):
+        x = np.array([0.5, *category, 3])
+        assert lit(front, x) == front.decision_path(x).tolist()
+    assert lit(cartpole, np.zeros(4)) == cartpole.decision_path(np.zeros(4)).tolist()
+    assert not any(lit(cartpole, None))
+    sizes = {tuple(cartpole.plot(highlight=x).get_size_inches()) for x in (None, np.zeros(4), np.ones(4))}
+    assert len(sizes) == 1
+    with pytest.raises(ValueError, match="highlight must be one observation, got 2"):
+        cartpole.plot(highlight=np.zeros((2, 4)))

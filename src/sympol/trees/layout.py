@@ -9,16 +9,25 @@ import numpy as np
 from .tree import DecisionTree
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Bool, Float
 
 
-def tidy(tree: DecisionTree, size: Float[np.ndarray, " nodes"], gap: float) -> Float[np.ndarray, " nodes"]:
+def tidy(
+    tree: DecisionTree,
+    size: Float[np.ndarray, " nodes"],
+    gap: float,
+    right_first: Bool[np.ndarray, " nodes"] | None = None,
+) -> Float[np.ndarray, " nodes"]:
     """Return each node's centre along the axis on which siblings lie side by side; the least edge is at 0.
 
     Subtrees are moved together until, on some level, their outlines are ``gap`` apart, and a parent stands
     midway above its children. So the same subtree always looks the same, nodes on one level never overlap,
-    and a left subtree stays on the left (Reingold and Tilford, 1981, with outlines kept level by level).
+    and a left subtree stays on the left, or on the right below the nodes in ``right_first`` (Reingold and
+    Tilford, 1981, with outlines kept level by level).
     """
+    swapped = np.zeros(tree.n_nodes, dtype=bool) if right_first is None else right_first
+    first = np.where(swapped, tree.children_right, tree.children_left)
+    second = np.where(swapped, tree.children_left, tree.children_right)
     offset = np.zeros(tree.n_nodes)  # from the parent
     outlines: list[tuple[np.ndarray, np.ndarray]] = []  # a subtree's two sides, level by level, from its root
     for node in reversed(range(tree.n_nodes)):
@@ -26,12 +35,13 @@ def tidy(tree: DecisionTree, size: Float[np.ndarray, " nodes"], gap: float) -> F
         if tree.is_leaf[node]:
             outlines.append((-half, half))
             continue
-        (left_low, left_high), (right_low, right_high) = outlines.pop(), outlines.pop()
-        shared = min(len(left_low), len(right_low))
-        step = (left_high[:shared] - right_low[:shared]).max() / 2 + gap / 2
-        offset[tree.children_left[node]], offset[tree.children_right[node]] = -step, step
-        low = np.concatenate([-half, left_low - step, right_low[shared:] + step])
-        high = np.concatenate([half, right_high + step, left_high[shared:] - step])
+        left, right = outlines.pop(), outlines.pop()
+        (low_1, high_1), (low_2, high_2) = (right, left) if swapped[node] else (left, right)
+        shared = min(len(low_1), len(low_2))
+        step = (high_1[:shared] - low_2[:shared]).max() / 2 + gap / 2
+        offset[first[node]], offset[second[node]] = -step, step
+        low = np.concatenate([-half, low_1 - step, low_2[shared:] + step])
+        high = np.concatenate([half, high_2 + step, high_1[shared:] - step])
         outlines.append((low, high))
     centre = offset
     centre[0] = -outlines[0][0].min()

@@ -3,6 +3,8 @@
 A small tree grows from the top down, its left branch where the answer is yes; one that would be too wide to read
 on a page grows from left to right, its upper branch where the answer is yes. Colours are told apart by people who
 do not tell red from green, and nothing is said by colour alone.
+
+Where a tree asks what lies in a cell of what an agent sees, it is drawn as that view (`plot_view`).
 """
 
 from __future__ import annotations
@@ -10,33 +12,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .actions import BoxActions, DiscreteActions
 from .floats import number, printable
 from .layout import levels, tidy
-from .text import leaf_words, visit_share
+from .plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen, TextBox, shortened
+from .plot_view import ViewBox, view_side
+from .text import asked_group, leaf_words, question, visit_share
 from .tree import DecisionTree
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Bool, Float
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
 
 MOST_NODES = 2000
 
 # Okabe and Ito's colours, those that lie furthest apart first
 _COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#D55E00", "#0072B2", "#999999")
 _DIVERGING, _SEQUENTIAL = "RdBu_r", "cividis"
-_INK, _LINE, _PAPER = "#222222", "#8C8C8C", "#FFFFFF"
+_ARROWS = {"turn left": "↰", "turn right": "↱", "forward": "↑", "move forward": "↑"}
+"""Said beside the words where a tree is drawn with views, in which up is where the agent looks."""
 
 # inches, on paper
 _PAGE = (10.0, 7.0)
-_ROW, _PAD, _MARGIN = 0.17, 0.09, 0.15
-_FONT_SIZE = 9.0  # points
-_LONGEST_LABEL = 40  # characters
+_MARGIN = 0.15
 
 _METADATA: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
 _STYLE: dict[Any, Any] = {
@@ -48,13 +52,7 @@ _STYLE: dict[Any, Any] = {
     "path.sketch": None,
 }
 
-
-@dataclass(frozen=True)
-class _Label:
-    """Rows of a node's box, each with its own colour."""
-
-    rows: tuple[str, ...]
-    colours: tuple[str, ...]
+_Box: TypeAlias = TextBox | ViewBox
 
 
 @dataclass(frozen=True)
@@ -72,81 +70,104 @@ class _Layout:
 
 
 def plot(
-    tree: DecisionTree, path: str | PathLike[str] | None = None, *, ax: Axes | None = None, digits: int = 4
+    tree: DecisionTree,
+    path: str | PathLike[str] | None = None,
+    *,
+    ax: Axes | None = None,
+    digits: int = 4,
+    highlight: ArrayLike | None = None,
 ) -> Figure:
     """Draw the tree on ``ax``, or on a figure of its own size, and save it if a path is given.
 
     Thresholds have ``digits`` significant digits; `to_text` writes them exactly. Lines are as thick as the
-    share of visits that went along, where visits are known.
+    share of visits that went along, where visits are known. ``highlight`` is an observation [features]: the
+    way it goes stands out, and everything else is pale.
 
     Raises:
-        ValueError: if the path ends neither in .svg, .pdf nor .png, or the tree is too large to look at.
+        ValueError: if the path ends neither in .svg, .pdf nor .png, or the tree is too large to look at, or
+            ``highlight`` is not one observation.
     """
     suffix = Path(path).suffix.lower() if path is not None else ".svg"
     if suffix not in _METADATA:
         raise ValueError(f"a plot is saved as .svg, .pdf or .png, got {str(path)!r}")
     if tree.n_nodes > MOST_NODES:
         raise ValueError(f"at most {MOST_NODES} nodes can be drawn, got {tree.n_nodes}; prune the tree first")
+    lit = None if highlight is None else tree.decision_path(highlight)
+    if lit is not None and lit.ndim != 1:
+        raise ValueError(f"highlight must be one observation, got {len(lit)} of them")
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     with rc_context(_STYLE):
-        layout, labels = _arrange(tree, digits)
+        layout, boxes = _arrange(tree, digits)
         if ax is None:
             ax = Figure(figsize=tuple(layout.extent)).add_axes((0, 0, 1, 1))
         figure = ax.figure.canvas.figure  # the whole one, also where ax is on a part of it
-        _draw(tree, layout, labels, ax)
+        _draw(tree, layout, boxes, ax, lit)
         if path is not None:
             dpi = min(200.0, 20_000 / max(figure.get_size_inches()))
             figure.savefig(path, dpi=dpi, metadata=_METADATA[suffix])
     return figure
 
 
-def _arrange(tree: DecisionTree, digits: int) -> tuple[_Layout, list[_Label]]:
+def _arrange(tree: DecisionTree, digits: int) -> tuple[_Layout, list[_Box]]:
     """Lay the tree out downward if that can be read on a page, and else to the right if that is better."""
-    downward, down_labels = _laid_out(tree, digits, downward=True)
-    rightward, right_labels = _laid_out(tree, digits, downward=False)
+    downward, down_boxes = _laid_out(tree, digits, downward=True)
+    rightward, right_boxes = _laid_out(tree, digits, downward=False)
 
     def scale_on_page(layout: _Layout) -> float:
         return min(1.0, float(np.min(np.sort(_PAGE) / np.sort(layout.extent))))
 
     if scale_on_page(downward) >= min(0.8, scale_on_page(rightward)):
-        return downward, down_labels
-    return rightward, right_labels
+        return downward, down_boxes
+    return rightward, right_boxes
 
 
-def _laid_out(tree: DecisionTree, digits: int, *, downward: bool) -> tuple[_Layout, list[_Label]]:
-    labels = _labels(tree, digits, downward=downward)
-    width = np.array([max(map(_text_width, label.rows)) + 2 * _PAD for label in labels])
-    height = np.array([len(label.rows) * _ROW + _PAD for label in labels])
+def _laid_out(tree: DecisionTree, digits: int, *, downward: bool) -> tuple[_Layout, list[_Box]]:
+    boxes = _boxes(tree, digits, downward=downward)
+    yes_is_right = np.array(
+        [not leaf and asked_group(tree, i) is not None for i, leaf in enumerate(tree.is_leaf)]
+    )
+    size = np.array([box.size for box in boxes])
+    width, height = size.T
     if downward:
-        x, y = tidy(tree, width, gap=0.12), levels(tree, height, gap=0.45)
+        x, y = tidy(tree, width, 0.12, yes_is_right), levels(tree, height, gap=0.45)
     else:
-        x, y = levels(tree, width, gap=0.55), tidy(tree, height, gap=0.07)
-    centre, size = np.stack([x, y], axis=1) + _MARGIN, np.stack([width, height], axis=1)
-    return _Layout(centre, size, downward), labels
+        x, y = levels(tree, width, gap=0.55), tidy(tree, height, 0.07, yes_is_right)
+    return _Layout(np.stack([x, y], axis=1) + _MARGIN, size, downward), boxes
 
 
-def _labels(tree: DecisionTree, digits: int, *, downward: bool) -> list[_Label]:
+def _boxes(tree: DecisionTree, digits: int, *, downward: bool) -> list[_Box]:
     """Word and colour every node; a leaf's share of visits goes where there is room: below, or behind."""
-    colour = _leaf_colours(tree)
-    labels = []
+    colour, side = _leaf_colours(tree), view_side(tree.groups)
+    boxes: list[_Box] = []
     for node in range(tree.n_nodes):
-        if tree.is_leaf[node]:
-            rows = tuple(map(_shortened, leaf_words(tree, node, digits)))
-            share = visit_share(tree, node)
-            colours = colour[node]
-            if share and downward:
-                # where a row has a component's colour, the share belongs to none of them
-                rows, colours = (*rows, share), (*colours, colours[0] if len(rows) == 1 else _PAPER)
-            elif share:
-                rows = (*rows[:-1], f"{rows[-1]}   {share}")
-            labels.append(_Label(rows, colours))
-        else:
-            name = _shortened(printable(tree.feature_names[tree.feature[node]]))
-            question = f"≤ {number(tree.threshold[node], digits)}"
-            labels.append(_Label((name, question), (_PAPER, _PAPER)))
-    return labels
+        if not tree.is_leaf[node]:
+            boxes.append(_question_box(tree, node, digits, side))
+            continue
+        words = leaf_words(tree, node, digits)
+        if side:
+            words = tuple(f"{_ARROWS[w.casefold()]} {w}" if w.casefold() in _ARROWS else w for w in words)
+        rows, colours = tuple(map(shortened, words)), colour[node]
+        share = visit_share(tree, node)
+        if share and downward:
+            # where a row has a component's colour, the share belongs to none of them
+            rows, colours = (*rows, share), (*colours, colours[0] if len(rows) == 1 else PAPER)
+        elif share:
+            rows = (*rows[:-1], f"{rows[-1]}   {share}")
+        boxes.append(TextBox(rows, colours))
+    return boxes
+
+
+def _question_box(tree: DecisionTree, node: int, digits: int, side: int) -> _Box:
+    feature, group = int(tree.feature[node]), asked_group(tree, node)
+    if group is None:
+        name = shortened(printable(tree.feature_names[feature]))
+        return TextBox((name, f"≤ {number(tree.threshold[node], digits)}"), (PAPER, PAPER))
+    words = question(tree, node, digits).words
+    if group.cell is None:
+        return TextBox((shortened(words),), (PAPER,))
+    return ViewBox(side, group.cell, group.categories[group.features.index(feature)], words)
 
 
 def _leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
@@ -173,37 +194,25 @@ def _leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
     return [tuple(to_hex(m(0.1 + 0.8 * s)) for m, s in zip(maps, row, strict=True)) for row in share.tolist()]
 
 
-def _shortened(words: str) -> str:
-    return words if len(words) <= _LONGEST_LABEL else words[: _LONGEST_LABEL - 1] + "…"
-
-
-def _text_width(words: str) -> float:
-    """Return how wide the words will be, in inches."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    font = FontProperties(size=_FONT_SIZE)
-    width, _, _ = text_to_path.get_text_width_height_descent(words, font, ismath=False)
-    return width / 72
-
-
-def _draw(tree: DecisionTree, layout: _Layout, labels: list[_Label], ax: Axes) -> None:
+def _draw(
+    tree: DecisionTree, layout: _Layout, boxes: list[_Box], ax: Axes, lit: Bool[np.ndarray, " nodes"] | None
+) -> None:
     """Draw on axes whose unit is an inch, if they are as large as the layout; else everything scales."""
     extent = layout.extent
     ax.set_axis_off()
     ax.set(xlim=(0, extent[0]), ylim=(extent[1], 0), aspect="equal")
     available = np.array(ax.get_window_extent().size) / ax.figure.dpi
     scale = float(np.min(available / extent))
+    pens = [Pen(ax, scale, None if lit is None else bool(lit[node])) for node in range(tree.n_nodes)]
     for node in np.flatnonzero(~tree.is_leaf):
-        _draw_edge(tree, layout, ax, scale, int(node), int(tree.children_left[node]), "yes")
-        _draw_edge(tree, layout, ax, scale, int(node), int(tree.children_right[node]), "no")
-    for node, label in enumerate(labels):
-        _draw_box(layout.centre[node], layout.size[node], label, ax, scale)
+        asked = question(tree, int(node))
+        for child, answer in ((asked.yes_child, "yes"), (asked.no_child, "no")):
+            _draw_edge(tree, layout, pens[child], int(node), child, answer)  # lit as the child is
+    for box, centre, pen in zip(boxes, layout.centre, pens, strict=True):
+        box.draw(pen, centre)
 
 
-def _draw_edge(
-    tree: DecisionTree, layout: _Layout, ax: Axes, scale: float, parent: int, child: int, answer: str
-) -> None:
+def _draw_edge(tree: DecisionTree, layout: _Layout, pen: Pen, parent: int, child: int, answer: str) -> None:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Curve
 
@@ -214,55 +223,30 @@ def _draw_edge(
     bend = ahead * (end - start) / 2
     visits = tree.n_node_samples
     share = visits[child] / visits[0] if visits is not None and visits[0] else 0.1
-    curve = Curve([start, start + bend, end - bend, end], [Curve.MOVETO, *[Curve.CURVE4] * 3])
-    ax.add_patch(PathPatch(curve, fill=False, edgecolor=_LINE, linewidth=(0.6 + 5 * share) * scale, zorder=1))
+    width = 3.0 if pen.lit else 0.6 + 5 * share
+    pen.ax.add_patch(
+        PathPatch(
+            Curve([start, start + bend, end - bend, end], [Curve.MOVETO, *[Curve.CURVE4] * 3]),
+            fill=False,
+            edgecolor=pen.colour(INK if pen.lit else LINE),
+            linewidth=width * pen.scale,
+            zorder=1.5 if pen.lit else 1,
+        )
+    )
     x, y = start * 0.4 + end * 0.6
-    ax.text(
+    pen.ax.text(
         x,
         y,
         answer,
-        size=0.75 * _FONT_SIZE * scale,
-        color=_INK,
+        size=0.75 * FONT_SIZE * pen.scale,
+        color=pen.colour(INK),
         ha="center",
         va="center",
-        bbox={"facecolor": _PAPER, "edgecolor": "none", "pad": 0.6 * scale, "alpha": 0.85},
+        bbox={
+            "facecolor": PAPER,
+            "edgecolor": "none",
+            "pad": 0.6 * pen.scale,
+            "alpha": 1 if pen.lit else 0.85,
+        },
         zorder=2,
     )
-
-
-def _draw_box(centre: np.ndarray, size: np.ndarray, label: _Label, ax: Axes, scale: float) -> None:
-    from matplotlib.patches import FancyBboxPatch, Rectangle
-
-    (x, y), (width, height) = centre - size / 2, size
-
-    def rounded(top: float, **look: Any) -> FancyBboxPatch:
-        return FancyBboxPatch(
-            (x, y + top), width, height - top, boxstyle="round,pad=0,rounding_size=0.06", **look
-        )
-
-    ax.add_patch(rounded(0, facecolor="none", edgecolor=_LINE, linewidth=0.8 * scale, zorder=4))
-    for row, (words, colour) in enumerate(zip(label.rows, label.colours, strict=True)):
-        # each row paints down to the bottom, and the next one over it
-        top = _PAD / 2 + row * _ROW if row else 0
-        ax.add_patch(rounded(top, facecolor=colour, edgecolor="none", zorder=3))
-        if row:
-            ax.add_patch(
-                Rectangle((x, y + top), width, _ROW / 2, facecolor=colour, edgecolor="none", zorder=3)
-            )
-        ax.text(
-            centre[0],
-            y + _PAD / 2 + (row + 0.5) * _ROW,
-            words,
-            size=_FONT_SIZE * scale,
-            color=_readable_on(colour),
-            ha="center",
-            va="center_baseline",
-            parse_math=False,
-            zorder=5,
-        )
-
-
-def _readable_on(colour: str) -> str:
-    """Return black or white, whichever stands out more."""
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return _INK if 0.299 * red + 0.587 * green + 0.114 * blue > 130 else _PAPER

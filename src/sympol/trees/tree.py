@@ -235,12 +235,17 @@ class DecisionTree:
         return rules(self, digits=digits)
 
     def plot(
-        self, path: str | PathLike[str] | None = None, *, ax: Axes | None = None, digits: int = 4
+        self,
+        path: str | PathLike[str] | None = None,
+        *,
+        ax: Axes | None = None,
+        digits: int = 4,
+        highlight: ArrayLike | None = None,
     ) -> Figure:
         """Draw the tree, and save it as SVG, PDF or PNG: see `sympol.trees.plot`."""
         from .plot import plot
 
-        return plot(self, path, ax=ax, digits=digits)
+        return plot(self, path, ax=ax, digits=digits, highlight=highlight)
 
     def to_json(self) -> str:
         """Write the tree as strict JSON: see `sympol.trees.serialize`."""
