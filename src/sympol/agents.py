@@ -57,8 +57,8 @@ class PPO:
         feature_names: Names for the features, where the environment's own should not do.
         action_names: Names for the actions, idem.
         groups: Features that are one-hot together, idem.
-        backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, ``"host"`` on
-            Gymnasium always.
+        backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else through envpool where
+            that has it and is installed, else on Gymnasium; ``"jax"``, ``"envpool"`` and ``"host"`` insist.
         config: Any field of `PPOConfig`, in place of the preset's.
 
     Raises:

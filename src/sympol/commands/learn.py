@@ -15,6 +15,8 @@ from typing import Any
 from .. import STARTED
 from ..agents import PPO, Report
 from ..envs.host import EnvironmentFailure
+from ..envs.pool import TASKS, is_installed
+from ..envs.registry import EnvSpec
 from ..evaluate import play
 from ..runs.folder import Run, versions
 from ..runs.metrics import TensorBoard
@@ -29,7 +31,7 @@ def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboar
     board = TensorBoard(run.path / "tensorboard") if tensorboard else None
     err.print(
         f"training a tree of depth {agent.config.depth} on {agent.spec.name}, seed {agent.seed}, "
-        f"{'inside one compiled program' if agent.spec.env is not None else 'through Gymnasium'}; run: {run.path}",
+        f"{_through(agent.spec)}; run: {run.path}",
         markup=False,
     )
 
@@ -75,6 +77,14 @@ def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboar
         out.print(summary_words(summary))
         print_next(run.path)
     return 0
+
+
+def _through(spec: EnvSpec) -> str:
+    if spec.backend == "host" and spec.name in TASKS and not is_installed():
+        return "through Gymnasium (pip install 'sympol[envpool]' trains faster)"
+    return {"jax": "inside one compiled program", "envpool": "through envpool"}.get(
+        spec.backend, "through Gymnasium"
+    )
 
 
 @contextlib.contextmanager

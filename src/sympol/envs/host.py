@@ -24,6 +24,20 @@ class EnvironmentFailure(RuntimeError):
     """An environment raised, or returned something that is not an observation or a reward."""
 
 
+class MissingExtra(ImportError):
+    """An environment needs a package that is not installed; the message has the command that installs it."""
+
+
+def require_finite(what: str, values: Float32[ndarray, "envs ..."]) -> None:
+    """Raise EnvironmentFailure, naming the copy, where NaN or infinity is among the values."""
+    if np.isfinite(values).all():
+        return
+    index = np.argwhere(~np.isfinite(values))[0][0]
+    raise EnvironmentFailure(
+        f"environment {index} returned {what} that is not finite in float32: {values[index]}"
+    )
+
+
 class HostEnvs:
     """``num_envs`` copies of a Gymnasium environment, reset by themselves when an episode ends."""
 
@@ -47,7 +61,7 @@ class HostEnvs:
             word & ~1 for word in np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()
         ]
         observation, _ = self._envs.reset(seed=seeds)
-        self._require_finite("an observation", observation)
+        require_finite("an observation", observation)
         return observation.copy()
 
     def step(self, actions: Shaped[ndarray, "envs ..."]) -> tuple[Step, Float32[ndarray, "envs features"]]:
@@ -66,23 +80,15 @@ class HostEnvs:
         for index in np.flatnonzero(terminated | truncated):
             last_observation[index] = info["final_obs"][index]
         reward = reward.astype(np.float32)
-        self._require_finite("an observation", last_observation)
-        self._require_finite("a first observation of an episode", next_observation)
-        self._require_finite("a reward", reward)
+        require_finite("an observation", last_observation)
+        require_finite("a first observation of an episode", next_observation)
+        require_finite("a reward", reward)
         step: Any = last_observation, reward, terminated, truncated  # NumPy's arrays, not JAX's
         return Step(*step), next_observation
 
     def close(self) -> None:
         """Close every copy."""
         self._envs.close()
-
-    def _require_finite(self, what: str, values: Float32[ndarray, "envs ..."]) -> None:
-        if np.isfinite(values).all():
-            return
-        index = np.argwhere(~np.isfinite(values))[0][0]
-        raise EnvironmentFailure(
-            f"environment {index} returned {what} that is not finite in float32: {values[index]}"
-        )
 
 
 class _Maker:

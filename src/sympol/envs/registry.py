@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import importlib
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,22 +18,19 @@ from ..trees.groups import Group
 from .acrobot import Acrobot
 from .cartpole import CartPole
 from .env import Env
-from .host import HostEnvs
+from .host import HostEnvs, MissingExtra
 from .mountain_car import MountainCar, MountainCarContinuous
 from .pendulum import Pendulum
+from .pool import PoolEnvs, find_task
 from .spaces import Features, action_spec
 
 Factory: TypeAlias = Callable[..., gymnasium.Env] | Callable[..., Env]
 HostFactory: TypeAlias = Callable[..., gymnasium.Env]
-Backend: TypeAlias = Literal["auto", "jax", "host"]
+Backend: TypeAlias = Literal["auto", "jax", "host", "envpool"]
 
 
 class UnknownEnvironment(ValueError):
     """No environment has this id."""
-
-
-class MissingExtra(ImportError):
-    """An environment needs a package that is not installed; the message has the command that installs it."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +38,8 @@ class EnvSpec:
     """One environment, however it was named: what learners and readers need to know of it.
 
     ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
-    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. ``env_kwargs`` is what it was made
-    with, beside its name.
+    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. ``pool_task`` is its name in envpool, if
+    it is to be trained on there. ``env_kwargs`` is what it was made with, beside its name.
     """
 
     name: str
@@ -54,9 +52,19 @@ class EnvSpec:
     max_episode_steps: int | None
     has_one_copy: bool = False  # make_host returns the user's own object, each time
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    pool_task: str | None = None
 
-    def host_envs(self, num_envs: int) -> HostEnvs:
-        """Make copies in Gymnasium to step together. Raises ValueError where that many cannot be made."""
+    @property
+    def backend(self) -> Backend:
+        """What it is trained on."""
+        if self.env is not None:
+            return "jax"
+        return "host" if self.pool_task is None else "envpool"
+
+    def host_envs(self, num_envs: int) -> HostEnvs | PoolEnvs:
+        """Make copies to step together on the host. Raises ValueError where that many cannot be made."""
+        if self.pool_task is not None:
+            return PoolEnvs(self.pool_task, num_envs)
         if self.make_host is None:
             raise ValueError(f"{self.name} is written in JAX and has no form in Gymnasium")
         if self.has_one_copy and num_envs > 1:
@@ -122,8 +130,9 @@ def resolve(
     """Find an environment by id, object or factory, and describe it.
 
     ``env_kwargs`` are passed to what makes it, as `gymnasium.make` does. ``backend`` "jax" insists on the form
-    written in JAX, "host" on Gymnasium's; "auto" takes JAX if it can. Names and groups default to the registered
-    ones, the environment's own, or ``x[0]`` and ``action 0``.
+    written in JAX, "host" on Gymnasium's, "envpool" on envpool's; "auto" takes JAX if it can, else envpool if it is
+    installed and has the environment. Names and groups default to the registered ones, the environment's own, or
+    ``x[0]`` and ``action 0``.
 
     Raises:
         UnknownEnvironment: no environment has this id; the message offers near ones.
@@ -154,6 +163,9 @@ def resolve(
         raise ValueError(
             f"{name} is written in JAX and has no form in Gymnasium; use backend='jax' or 'auto'"
         )
+    in_jax = jax_env is not None and backend in ("auto", "jax")
+    as_it_is = isinstance(env, str) and not (entry.env or entry.host or kwargs)
+    task = None if in_jax or backend == "host" else find_task(name, as_it_is, insist=backend == "envpool")
 
     def own(what: str, given: Any) -> Any:
         return next(
@@ -162,7 +174,7 @@ def resolve(
 
     return EnvSpec(
         name=name,
-        env=None if backend == "host" else jax_env,
+        env=jax_env if in_jax else None,
         make_host=make_host,
         observation_space=example.observation_space,
         action_space=example.action_space,
@@ -173,6 +185,7 @@ def resolve(
         max_episode_steps=_max_episode_steps(example),
         has_one_copy=has_one_copy,
         env_kwargs=kwargs or ({} if isinstance(env, str) else _made_with(example)),
+        pool_task=task,
     )
 
 
@@ -245,7 +258,10 @@ def _make(env_id: str, **kwargs: Any) -> gymnasium.Env:
         ) from error
     # the checker would repeat its warnings for every copy; what cannot be trained on, HostEnvs refuses
     try:
-        return gymnasium.make(name, disable_env_checker=True, **kwargs)
+        with warnings.catch_warnings():
+            # Box2D's SWIG warns at its import, and crashes the process where warnings are errors
+            warnings.filterwarnings("ignore", r"builtin type \w+ has no __module__", DeprecationWarning)
+            return gymnasium.make(name, disable_env_checker=True, **kwargs)
     except gymnasium.error.DependencyNotInstalled as error:
         hint = next(
             (f"install it: pip install 'sympol[{extra}]'" for extra in _EXTRAS if extra in str(error)), ""

@@ -99,14 +99,13 @@ class Run:
                     f"{path} already holds a run; continue it with `sympol resume {path}`, replace it with "
                     "--overwrite, or choose another --run-dir"
                 )
-        backend = "jax" if spec.env is not None else "host"
         about = {
             "format": FORMAT,
             "sympol": __version__,
             "algorithm": "ppo",
             "policy": "tree",
             "env": spec.name,
-            "backend": backend,
+            "backend": spec.backend,
             "seed": seed,
             "preset": preset,
             "eval_episodes": eval_episodes,
