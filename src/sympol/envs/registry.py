@@ -5,16 +5,18 @@ from __future__ import annotations
 import contextlib
 import difflib
 import importlib
+import importlib.util
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar, get_args
 
 import gymnasium
 
 from ..trees.actions import ActionSpec
 from ..trees.groups import Group
+from . import minigrid
 from .acrobot import Acrobot
 from .cartpole import CartPole
 from .env import Env
@@ -26,6 +28,7 @@ from .spaces import Features, action_spec
 
 Factory: TypeAlias = Callable[..., gymnasium.Env] | Callable[..., Env]
 HostFactory: TypeAlias = Callable[..., gymnasium.Env]
+Made = TypeVar("Made")
 Backend: TypeAlias = Literal["auto", "jax", "host", "envpool"]
 
 
@@ -118,6 +121,28 @@ register("MountainCar-v0", MountainCar())
 register("MountainCarContinuous-v0", MountainCarContinuous())
 
 
+def _minigrid(make: Callable[..., Made], env_id: str, **kwargs: Any) -> Made:
+    """Make one of MiniGrid's in either form: both need Farama's package, which is what evaluates."""
+    if importlib.util.find_spec("minigrid") is None:
+        raise MissingExtra(
+            f"{env_id} needs a package that is not installed; install it: pip install 'sympol[minigrid]'"
+        )
+    if env_id not in minigrid.TASKS:
+        _require_known(env_id)
+    return make(env_id, **kwargs)
+
+
+for _id in minigrid.TASKS:
+    register(_id, partial(_minigrid, minigrid.make, _id), host=partial(_minigrid, minigrid.make_host, _id))
+
+
+def _entry(env_id: str) -> Entry:
+    """What is known of an id: what was registered; of the rest of MiniGrid's, how to make it on the host."""
+    if env_id not in _ENTRIES and env_id.startswith(minigrid.FAMILIES):
+        return Entry(host=partial(_minigrid, minigrid.make_host, env_id))
+    return _ENTRIES.get(env_id, Entry())
+
+
 def resolve(
     env: str | gymnasium.Env | Env | Factory,
     *,
@@ -144,7 +169,7 @@ def resolve(
     if backend not in get_args(Backend):
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
     kwargs = dict(env_kwargs or {})
-    entry = _ENTRIES.get(env, Entry()) if isinstance(env, str) else Entry()
+    entry = _entry(env) if isinstance(env, str) else Entry()
     source: Any = partial(_make, env) if isinstance(env, str) else env
     if entry.env is not None and not (kwargs and not _is_factory(entry.env)):
         source = entry.env  # else it takes no kwargs, and Gymnasium's may
@@ -243,7 +268,26 @@ def _remake(env: gymnasium.Env) -> _Source:
 
 def _make(env_id: str, **kwargs: Any) -> gymnasium.Env:
     """Make one of Gymnasium's by its id, or by ``module:id`` where importing a module registers it."""
+    name = _require_known(env_id)
+    # the checker would repeat its warnings for every copy; what cannot be trained on, HostEnvs refuses
+    try:
+        with warnings.catch_warnings():
+            # Box2D's SWIG warns at its import, and crashes the process where warnings are errors
+            warnings.filterwarnings("ignore", r"builtin type \w+ has no __module__", DeprecationWarning)
+            return gymnasium.make(name, disable_env_checker=True, **kwargs)
+    except gymnasium.error.DependencyNotInstalled as error:
+        hint = next(
+            (f"install it: pip install 'sympol[{extra}]'" for extra in _EXTRAS if extra in str(error)), ""
+        )
+        raise MissingExtra(f"{env_id} needs a package that is not installed; {hint} ({error})") from error
+
+
+def _require_known(env_id: str) -> str:
+    """Return the id without its module, once that is imported. Raises UnknownEnvironment, with near ids."""
     module, _, name = env_id.rpartition(":")
+    if name.lower().startswith(tuple(family.lower()[:-1] for family in minigrid.FAMILIES)):
+        with contextlib.suppress(ImportError):  # registers the ids that are near
+            importlib.import_module("minigrid")
     try:
         if module:
             importlib.import_module(module)
@@ -256,17 +300,7 @@ def _make(env_id: str, **kwargs: Any) -> gymnasium.Env:
             f"unknown environment {env_id!r}: {hint} An id of another package needs its module before "
             f"it, as in 'module:Name-v0'. ({error})"
         ) from error
-    # the checker would repeat its warnings for every copy; what cannot be trained on, HostEnvs refuses
-    try:
-        with warnings.catch_warnings():
-            # Box2D's SWIG warns at its import, and crashes the process where warnings are errors
-            warnings.filterwarnings("ignore", r"builtin type \w+ has no __module__", DeprecationWarning)
-            return gymnasium.make(name, disable_env_checker=True, **kwargs)
-    except gymnasium.error.DependencyNotInstalled as error:
-        hint = next(
-            (f"install it: pip install 'sympol[{extra}]'" for extra in _EXTRAS if extra in str(error)), ""
-        )
-        raise MissingExtra(f"{env_id} needs a package that is not installed; {hint} ({error})") from error
+    return name
 
 
 def _name(env: gymnasium.Env | Env) -> str:

@@ -1,0 +1,232 @@
+"""MiniGrid in JAX: the rules and the view of Farama's package, over integers that say what a cell shows.
+
+What is drawn anew in every episode (`sympol.envs.minigrid.task`) is a row of a table of grids, and a few things
+that lie elsewhere than in that grid or can change: keys, doors. A state is where those are, and where the agent is;
+the grid itself never moves. It is padded with walls, as far as a view can reach, so that nothing asks whether a
+place is inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Float32, Int, Int32, PRNGKeyArray
+
+from ...trees.groups import Group
+from ...types import Step
+from . import cells
+from .cells import BLOCKS_SIGHT, BLOCKS_WAY, EMPTY, PORTABLE, UNSEEN, WALL
+from .task import Task
+from .view import View
+
+IN_HAND = -1
+"""Where a thing is that the agent carries."""
+
+
+class GridState(NamedTuple):
+    """Where everything is. A place is an index into the padded grid, row after row."""
+
+    layout: Int[Array, ""]
+    position: Int[Array, ""]
+    direction: Int[Array, ""]  # 0 right, 1 down, 2 left, 3 up
+    places: Int[Array, " things"]
+    codes: Int[Array, " things"]
+    time: Int[Array, ""]
+
+
+@dataclass(frozen=True)
+class MiniGrid:
+    """A task seen through a view, step by step what Farama's package does; see `View` for the observation.
+
+    A reward of 1 − 0.9 · steps / max_steps for reaching the goal, otherwise 0.
+    """
+
+    task: Task
+    view: View
+
+    @property
+    def max_episode_steps(self) -> int:
+        """Where an episode is cut off."""
+        return self.task.max_steps
+
+    @property
+    def feature_names(self) -> tuple[str, ...]:
+        """Such as ``front is lava``."""
+        return self.view.feature_names
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Such as ``turn left``."""
+        return self.view.action_names
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """What is one-hot together: the object in a cell, its colour, its state."""
+        return self.view.groups
+
+    @property
+    def observation_space(self) -> gymnasium.spaces.Box:
+        """0 or 1 for each feature; bounds that are equal where a feature never changes."""
+        return gymnasium.spaces.Box(self.view.low, self.view.high, dtype=np.float32)
+
+    @property
+    def action_space(self) -> gymnasium.spaces.Discrete:
+        """The view's actions, counted from 0."""
+        return gymnasium.spaces.Discrete(len(self.view.actions))
+
+    def reset(self, key: PRNGKeyArray) -> tuple[GridState, Float[Array, " features"]]:
+        """Start where the task may start."""
+        start = self.task.start(jax.random.bits(key, (self.task.num_draws,), jnp.uint32))
+        x, y, codes = start.things[:, 0], start.things[:, 1], start.things[:, 2]
+        position = self.place(start.position[0], start.position[1])
+        state = GridState(start.layout, position, start.direction, self.place(x, y), codes, jnp.int32(0))
+        return state, self.observe(state)
+
+    def step(self, key: PRNGKeyArray, state: GridState, action: Int[Array, ""]) -> tuple[GridState, Step]:
+        """Turn, walk, or handle what is in front."""
+        ahead = state.position + self._stride(state.direction)
+        front = self._look(state, ahead[None])[0]
+        turn = jnp.where(self._is(cells.LEFT, action), 3, 0) + jnp.where(self._is(cells.RIGHT, action), 1, 0)
+        walks = self._is(cells.FORWARD, action) & (front & BLOCKS_WAY == 0)
+        places, codes = self._handle(state, action, ahead, front)
+        time = state.time + 1
+        state = GridState(
+            layout=state.layout,
+            position=jnp.where(walks, ahead, state.position),
+            direction=(state.direction + turn) & 3,
+            places=places,
+            codes=codes,
+            time=time,
+        )
+        reward = jnp.where(walks & _has(front, "goal"), jnp.asarray(self._rewards)[time], 0)
+        terminated = walks & _has(front, "goal", "lava")
+        return state, Step(self.observe(state), reward, terminated, time >= self.max_episode_steps)
+
+    def observe(self, state: GridState) -> Float[Array, " features"]:
+        """What the agent sees in this state."""
+        size = self.view.view_size
+        column, row = np.divmod(np.arange(size * size, dtype=np.int32), np.int32(size))
+        far, right = jnp.asarray(size - 1 - row), jnp.asarray(column - size // 2)
+        forwards, sideways = self._stride(state.direction), self._stride((state.direction + 1) & 3)
+        seen = self._look(state, state.position + far * forwards + right * sideways)
+        if not self.task.see_through_walls:
+            opaque = _bit(seen, BLOCKS_SIGHT).reshape(size, size)
+            seen = jnp.where(visible(opaque).reshape(-1), seen, UNSEEN)
+        is_here = np.array([place.is_here for place in self.view.places])
+        seen = jnp.where(jnp.asarray(is_here), self._own_cell(state), seen)
+        planes = jnp.asarray(self.view.planes, jnp.int32)
+        return ((seen[:, None] >> planes[None, :]) & 1).astype(jnp.float32).reshape(-1)
+
+    def place(self, x: Int[Array, "*n"], y: Int[Array, "*n"]) -> Int[Array, "*n"]:
+        """The index of a cell in the padded grid."""
+        return (y + self._padding) * self._width + x + self._padding
+
+    @cached_property
+    def _grids(self) -> Int32[np.ndarray, "layouts height width"]:
+        beyond = ((0, 0), *((self._padding, self._padding),) * 2)
+        return np.pad(self.task.grids(), beyond, constant_values=WALL)
+
+    @property
+    def _padding(self) -> int:
+        # the agent stands one cell within the grid and sees view_size − 1 ahead
+        return self.view.view_size - 2
+
+    @cached_property
+    def _width(self) -> int:
+        return self._grids.shape[2]
+
+    @cached_property
+    def _rewards(self) -> Float32[np.ndarray, " times"]:
+        """The reward at each time, in float64 as Farama computes it, then rounded."""
+        limit = self.max_episode_steps
+        return np.array([1 - 0.9 * (time / limit) for time in range(limit + 1)], np.float32)
+
+    def _is(self, number: int, action: Int[Array, ""]) -> Bool[Array, ""]:
+        """Whether the policy's action is the one that Farama's package gives this number."""
+        if number not in self.view.actions:
+            return jnp.bool_(False)
+        return action == self.view.actions.index(number)
+
+    def _stride(self, direction: Int[Array, ""]) -> Int[Array, ""]:
+        """How far apart in the padded grid two cells are that follow each other in this direction."""
+        width = self._width
+        return jnp.asarray([1, width, -1, -width], jnp.int32)[direction]
+
+    def _look(self, state: GridState, places: Int[Array, " n"]) -> Int[Array, " n"]:
+        """What is in these places."""
+        table = jnp.asarray(self._grids.ravel())
+        found = table[state.layout * self._grids[0].size + places]
+        for thing in range(state.places.shape[0]):
+            found = jnp.where(places == state.places[thing], state.codes[thing], found)
+        return found
+
+    def _own_cell(self, state: GridState) -> Int[Array, ""]:
+        load = _load(state)
+        return jnp.where(load == 0, EMPTY, load)
+
+    def _handle(
+        self, state: GridState, action: Int[Array, ""], ahead: Int[Array, ""], front: Int[Array, ""]
+    ) -> tuple[Int[Array, " things"], Int[Array, " things"]]:
+        """Pick up, drop, toggle: where things are then, and what they show. A box keeps its content."""
+        load, is_ahead = _load(state), state.places == ahead
+        picks = self._is(cells.PICK_UP, action) & (load == 0) & (front & PORTABLE != 0)
+        drops = self._is(cells.DROP, action) & (load != 0) & (front == EMPTY)
+        places = jnp.where(is_ahead & picks, IN_HAND, state.places)
+        places = jnp.where((state.places == IN_HAND) & drops, ahead, places)
+
+        same_colour = (load ^ front) & cells.bits(*cells.COLOURS) == 0
+        opens = ~_has(front, "open") & (_has(front, "closed") | (_has(load, "key") & same_colour))
+        closes = _has(front, "open")
+        door = front & ~cells.bits(*cells.STATES)
+        door = jnp.where(
+            opens, door | cells.bits("open"), jnp.where(closes, door | cells.bits("closed"), front)
+        )
+        toggles = self._is(cells.TOGGLE, action) & _has(front, "door")
+        return places, jnp.where(is_ahead & toggles, door, state.codes)
+
+
+def visible(opaque: Bool[Array, "size size"]) -> Bool[Array, "size size"]:
+    """Which cells of a view are seen from the middle of its lowest row, first axis the column.
+
+    Farama's rule, row by row upwards: sight spreads sideways along a row until something opaque, first to the
+    right, then to the left; from each cell it leaves that way it reaches the cell above and the one above its
+    goal. A row is an integer with a bit for each column here, so that a spread is a shift.
+    """
+    size = opaque.shape[0]
+    weights = jnp.asarray(1 << np.arange(size), jnp.int32)[:, None]
+    clear_rows = jnp.sum(jnp.where(opaque, 0, weights), axis=0)
+    everything, first, last = (1 << size) - 1, 1, 1 << (size - 1)
+    seen = jnp.int32(1 << (size // 2))
+    rows = []
+    for row in reversed(range(size)):
+        clear = clear_rows[row]
+        for _ in range(size - 1):
+            seen |= ((seen & clear) << 1) & everything
+        leaves = seen & clear & ~last
+        above = leaves | leaves << 1
+        for _ in range(size - 1):
+            seen |= (seen & clear) >> 1
+        leaves = seen & clear & ~first
+        rows.append(seen)
+        seen = above | leaves | leaves >> 1
+    return (jnp.stack(rows[::-1])[None, :] & weights) != 0
+
+
+def _load(state: GridState) -> Int[Array, ""]:
+    """The code of what the agent carries, 0 for nothing."""
+    return jnp.sum(jnp.where(state.places == IN_HAND, state.codes, 0))
+
+
+def _has(code: Int[Array, ""], *planes: str) -> Bool[Array, ""]:
+    return _bit(code, cells.bits(*planes))
+
+
+def _bit(code: Int[Array, "*n"], mask: int) -> Bool[Array, "*n"]:
+    return code & mask != 0

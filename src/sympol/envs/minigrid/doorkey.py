@@ -1,0 +1,65 @@
+"""MiniGrid-DoorKey: fetch the key, unlock the door, walk to the goal behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Int32, UInt32
+
+from .cells import EMPTY, FORWARD, GOAL, LEFT, PICK_UP, RIGHT, STATES, TOGGLE, UNSEEN, WALL, cell
+from .task import Start, Task, choice, choice_besides, room
+
+KEY = cell("key", "yellow")
+DOORS = tuple(cell("door", "yellow", state) for state in STATES)
+LOCKED = DOORS[STATES.index("locked")]
+
+
+@dataclass(frozen=True)
+class DoorKey(Task):
+    """A wall divides the room, with a locked door in it; agent and key are anywhere on its left."""
+
+    size: int = 8
+
+    planes: ClassVar[tuple[int, ...]] = (0, 1, 2, 4, 5, 8, 17, 18, 19)
+    actions: ClassVar[tuple[int, ...]] = (LEFT, RIGHT, FORWARD, PICK_UP, TOGGLE)
+    elsewhere: ClassVar[tuple[int, ...]] = (UNSEEN, EMPTY, WALL, GOAL, KEY, *DOORS)
+    here: ClassVar[tuple[int, ...]] = (EMPTY, KEY)
+    see_through_walls: ClassVar[bool] = False
+    num_draws: ClassVar[int] = 5
+
+    @property
+    def max_steps(self) -> int:
+        """Ten times the cells."""
+        return 10 * self.size**2
+
+    def grids(self) -> Int32[np.ndarray, "layouts size size"]:
+        """One for every column of the wall; the door stands in it as a thing."""
+        grids = []
+        for column in range(2, self.size - 2):
+            grid = room(self.size, self.size)
+            grid[-2, -2] = GOAL
+            grid[:, column] = WALL
+            grids.append(grid)
+        return np.stack(grids)
+
+    def start(self, draws: UInt32[Array, " 5"]) -> Start:
+        """Column of the wall, row of the door, cell and direction of the agent, cell of the key."""
+        rows = self.size - 2
+        layout = choice(draws[0], self.size - 4)
+        cells_on_left = (layout + 1) * rows
+        agent = choice(draws[1], cells_on_left)
+        key = choice_besides(draws[2], cells_on_left, agent)
+        door_y = 1 + choice(draws[4], self.size - 3)  # never in the lowest row
+        things = [
+            [layout + 2, door_y, jnp.int32(LOCKED)],
+            [1 + key // rows, 1 + key % rows, jnp.int32(KEY)],
+        ]
+        position = jnp.stack([1 + agent // rows, 1 + agent % rows])
+        return Start(layout, position, choice(draws[3], 4), jnp.stack([jnp.stack(thing) for thing in things]))
+
+
+TASKS = {f"MiniGrid-DoorKey-{size}x{size}-v0": DoorKey(size) for size in (5, 6, 8, 16)}
