@@ -74,6 +74,14 @@ def test_every_feature_has_its_own_name_and_bounds(space: Any) -> None:
     assert features.low.dtype == features.high.dtype == np.float32
 
 
+def test_absurd_bounds_are_none() -> None:
+    space = Box(np.float32([0, -2e6, -np.inf, 1, 0]), np.float32([1, 5, 1e6, 2, 999_999]))
+    space.low[3], space.high[0] = 5, np.nan  # gymnasium refuses to make these, but not to keep them
+    features = Features.of(space)
+    assert features.low.tolist() == [0, -np.inf, -np.inf, -np.inf, 0]
+    assert features.high.tolist() == [np.inf, 5, np.inf, np.inf, 999_999]
+
+
 def test_names_say_where_a_feature_comes_from() -> None:
     assert Features.of(Box(0, 1, (2,))).names == ("x[0]", "x[1]")
     assert Features.of(Box(0, 1, (1, 2))).names == ("x[0, 0]", "x[0, 1]")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sympol.trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
+from sympol.trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions, Group, MultiDiscreteActions
 
 HOSTILE_NAMES = [
     'quote " and \' and """',
@@ -51,6 +51,50 @@ def random_tree(
     return tree.with_visits(rng.normal(size=(200, n_features)))
 
 
+def random_grouped_tree(
+    rng: np.random.Generator,
+    actions: ActionSpec,
+    depth: int = 4,
+    sizes: tuple[int, ...] = (3, 2),
+    n_free: int = 1,
+) -> DecisionTree:
+    """Draw a complete tree over groups of these sizes and free features, in any order of the features.
+
+    Most splits ask the groups for categories, some ask them for numbers; bounds rule categories out, leave one,
+    say nothing, or leave none.
+    """
+    n_features, n_inner = sum(sizes) + n_free, 2**depth - 1
+    order = rng.permutation(n_features).tolist()
+    groups = [
+        Group(
+            f"g{i}", tuple(order[sum(sizes[:i]) : sum(sizes[: i + 1])]), tuple(f"c{j}" for j in range(size))
+        )
+        for i, size in enumerate(sizes)
+    ]
+    grouped = np.isin(np.arange(n_features), [feature for group in groups for feature in group.features])
+    feature = rng.integers(n_features, size=n_inner)
+    asks = rng.choice(np.float32([0, -0.0, 0.25, 0.5, 0.99999994]), n_inner)
+    asks = np.where(rng.random(n_inner) < 0.1, rng.choice(np.float32([-1, 1, 2]), n_inner), asks)
+    usual = rng.choice([-np.inf, 0, 0, 0, 1e-3, 1], n_features, p=[0.1, 0.3, 0.3, 0.26, 0.02, 0.02])
+    low = np.where(grouped, usual, rng.choice([-np.inf, -0.5, 0.25], n_features))
+    high = np.where(rng.random(n_features) < 0.2, 0, rng.choice([1, 1, np.inf], n_features))
+    high = np.where(grouped, high, rng.choice([np.inf, 0.5, 0.75], n_features))
+    few_values = rng.normal(size=(3, actions.n_outputs))
+    tree = DecisionTree.from_complete(
+        feature,
+        np.where(grouped[feature], asks, rng.choice(np.float32([-1, -0.5, 0, 0.25, 0.5, 1]), n_inner)),
+        few_values[np.minimum(rng.geometric(0.5, n_inner + 1) - 1, 2)]
+        + rng.normal(size=(n_inner + 1, actions.n_outputs)) * 0.1,
+        actions=actions,
+        feature_names=[f"x[{i}]" for i in range(n_features)],
+        feature_low=low,
+        feature_high=np.maximum(low, high),
+        groups=groups,
+    )
+    everything = consistent(tree, every_cell(tree, nan=False))
+    return tree.with_visits(rng.choice(everything, 100))
+
+
 def telling_observations(tree: DecisionTree, rng: np.random.Generator, n: int) -> np.ndarray:
     """Draw observations on thresholds and bounds, beside them, anywhere, subnormal, infinite and NaN."""
     t = np.concatenate([tree.threshold, tree.feature_low, tree.feature_high])
@@ -72,6 +116,9 @@ def every_cell(tree: DecisionTree, *, nan: bool) -> np.ndarray:
     """Return one observation in each cell of the grid of all thresholds, and on all of the cell's corners."""
     axes = []
     for feature in range(tree.n_features):
+        if feature in tree.group_of:
+            axes.append(np.float32([0, 1]))
+            continue
         t = np.unique(tree.threshold[tree.feature == feature])
         above = np.where(t == 0, np.finfo(np.float32).smallest_normal, np.nextafter(t, np.float32(np.inf)))
         ends = np.float32([-np.inf, np.inf] + [np.nan] * nan)
@@ -81,11 +128,19 @@ def every_cell(tree: DecisionTree, *, nan: bool) -> np.ndarray:
     return np.array(list(product(*map(np.unique, axes))), np.float32)
 
 
-def plain_leaf(tree: DecisionTree, observation: np.ndarray) -> int:
+def consistent(tree: DecisionTree, x: np.ndarray) -> np.ndarray:
+    """Keep the observations in which exactly one feature of each group is 1 and the others are 0."""
+    for group in tree.groups:
+        of_group = np.sort(x[:, group.features], axis=1)
+        x = x[(of_group == np.eye(len(group.features))[-1]).all(axis=1)]
+    return x
+
+
+def plain_leaf(tree: DecisionTree, observation: np.ndarray, root: int = 0) -> int:
     """Descend in a loop that nobody can misread."""
     x = [float(np.float32(v)) for v in observation]
     x = [0.0 if abs(v) < 2.0**-126 else v for v in x]
-    node = 0
+    node = root
     while tree.children_left[node] != -1:
         left = x[tree.feature[node]] <= float(tree.threshold[node])
         node = int(tree.children_left[node] if left else tree.children_right[node])

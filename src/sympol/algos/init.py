@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Int, PRNGKeyArray
 
+from ..envs.spaces import UNBOUNDED
 from ..policies.distributions import Distribution
 from ..policies.mlp import MLP
 from ..policies.tree import Tree
@@ -17,9 +18,6 @@ from ..types import Transition
 from .config import Hyperparameters, PPOConfig
 from .optimizer import Networks, optimizer
 from .state import Episodes, Losses, Normalizer, TrainState, Validation
-
-UNBOUNDED = 1e6
-"""A bound beyond this says nothing about the scale of a feature."""
 
 PURPOSES = ("init", "train", "validation")
 

@@ -18,6 +18,9 @@ from ..trees.actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscre
 from ..trees.floats import flushed
 from ..trees.groups import Group, check_groups, require_one_hot
 
+UNBOUNDED = 1e6
+"""A bound as far out as this says nothing about a feature: it stands there because the space asked for one."""
+
 
 class Feature(NamedTuple):
     """One number of an observation and the range it moves in; ``choice`` is the category it is one-hot of."""
@@ -50,7 +53,8 @@ class Features:
         """Describe a space, with the user's names in place of ``x[0]``, ``camera[1, 2]``, ``weather = 3``.
 
         ``groups`` are the features that are one-hot together; by default those that a ``Discrete`` or a
-        ``MultiDiscrete`` became.
+        ``MultiDiscrete`` became. Bounds that are NaN, too far out (`UNBOUNDED`) or the wrong way round are
+        none: what believes in bounds, such as pruning, would cut by them what the environment does visit.
 
         Raises ValueError for an unsupported space, and for names and groups that do not fit.
         """
@@ -60,12 +64,14 @@ class Features:
         named = check_names(names, [feature.name for feature in features], "feature_names")
         if groups is None:
             groups = _one_hot_groups(features, named)
+        low, high = (flushed(bounds) for bounds in zip(*((f.low, f.high) for f in features), strict=True))
+        ordered = ~(low > high)
         return cls(
             space=space,
             names=named,
             groups=check_groups(groups, len(features)),
-            low=flushed([feature.low for feature in features]),
-            high=flushed([feature.high for feature in features]),
+            low=np.where(ordered & (np.abs(low) < UNBOUNDED), low, np.float32(-np.inf)),
+            high=np.where(ordered & (np.abs(high) < UNBOUNDED), high, np.float32(np.inf)),
         )
 
     def flatten(self, observation: Any) -> NDArray[np.float32]:

@@ -1,72 +1,110 @@
 """Smaller trees that act the same.
 
-`prune` removes, in this order,
+`prune` removes
 
-1. splits decided already: by an ancestor on the same feature, or by the bounds of the observation space;
+1. splits decided already: by an ancestor on the same feature or on the same group, or by the bounds of the
+   observation space;
 2. idle splits: those whose one side, asked for both, gives the same actions.
 
 Decided by an ancestor is true of every observation, NaN and infinities included: left of ``x <= t`` means
 ``x <= s`` for every s >= t (and no NaN), right of it means that ``x <= s`` fails for every s <= t (and for
-NaN). Decided by the bounds is true of every observation within them, both ends included, and of no others: an
-observation below ``feature_low``, above ``feature_high`` or NaN may get another action afterwards. Infinite
-bounds decide nothing.
+NaN). Of a group exactly one feature is 1: below "front is lava" nothing else is left to ask of the front, and
+where all categories but one are ruled out, it is that one. Decided by the bounds is true of every observation
+within them, both ends included, and of no others: an observation below ``feature_low``, above ``feature_high``
+or NaN may get another action afterwards. Infinite bounds decide nothing. `sympol.trees.regions` keeps account.
 
-Idle splits are found from the leaves up. Below a split on feature f, left of t, all thresholds of f are less
-than t (the others were decided). So an observation on the right, sent into the left subtree, would fail all
-its comparisons of f. If the left subtree without them equals the right subtree, split by split and action by
-action, the left one can answer for both; and the other way round. Two equal leaves are the smallest case.
-After one pass of each step nothing is left for another.
+Idle splits are found from the leaves up, by walking through both sides at once: as an observation of the one
+side would be answered by the other, cell by cell, up to the first cell with two actions. Two equal leaves are
+the smallest case. If either side can answer for both, the smaller one stays.
+
+After one call nothing is left for another: what stays was neither decided nor idle among the observations that
+came by it, and more observations may come by it once a split above is gone, never fewer.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import zip_longest
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from .actions import ActionSpec, BoxActions
 from .floats import SMALLEST_NORMAL, flushed
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
+from .regions import Region, Way
 from .tree import DecisionTree
 
+# Steps of a comparison, for each leaf of both sides, after which a split counts as not idle. Sides of the same
+# shape need 7; a tree made for it could need as many as it has pairs of leaves.
+_PATIENCE, _LEAST_PATIENCE = 64, 10_000
 
-@dataclass
+
+@dataclass(eq=False)
 class _Leaf:
-    """A leaf under work: what it does, as bytes, and how many came by."""
+    """A leaf under work: what it does, as bytes, and how many came by, if that is known."""
 
     value: np.ndarray
     action: bytes
-    visits: int
+    visits: int | None
+    n_leaves: int = 1
 
 
-@dataclass
+@dataclass(eq=False)
 class _Split:
-    """An inner node under work; `_merged` links it to its children."""
+    """An inner node under work, linked to its children from `left` and `right` on."""
 
     feature: int
     threshold: float
     left: _Node | None = None
     right: _Node | None = None
+    n_leaves: int = 0
+
+    def side(self, way: Way) -> _Node:
+        child = self.left if way == "left" else self.right
+        assert child is not None
+        return child
 
 
 _Node: TypeAlias = _Split | _Leaf
-_Way: TypeAlias = Literal["left", "right"]
 
 
 def prune(tree: DecisionTree, *, bounds: bool = True, merge: bool = True) -> DecisionTree:
     """Return the smaller tree that acts the same, deterministically, within the bounds of the space.
 
-    Without ``bounds`` it acts the same on every observation at all; without ``merge`` every leaf that can be
-    reached keeps its own value. Merged leaves get the visit-weighted mean of their probabilities where
-    visits are known and it keeps the action, else the value of the leaf that was visited more. Visits
-    that went where the bounds forbid are dropped.
+    Without ``bounds`` it acts the same on every observation in which each group is one-hot; without ``merge``
+    every leaf that can be reached keeps its own value. Merged leaves get the visit-weighted mean of their
+    probabilities where visits are known and it keeps the action, else the value of the leaf that was visited
+    more. Visits that went where the bounds forbid are dropped. Where visits would have to be shared between
+    leaves, nobody knows how: then the leaves keep their values, and the tree that is returned knows no visits;
+    `DecisionTree.with_visits` counts them again.
     """
-    nodes = _undecided(tree, bounds=bounds)
-    return _rebuild(tree, list(_walk(_merged(tree, nodes))) if merge else nodes)
+    work, region = _work(tree), Region(tree, bounds=bounds)
+    done: list[_Node] = []
+    # a node to begin with, a side to enter, None to leave it, a split to finish after both
+    awaited: list[int | tuple[_Split, Way] | _Split | None] = [0]
+    while awaited:
+        match awaited.pop():
+            case int(node):
+                split = work[node]
+                if isinstance(split, _Leaf):
+                    done.append(split)
+                    continue
+                left, right = int(tree.children_left[node]), int(tree.children_right[node])
+                way = region.way(split.feature, split.threshold)
+                if way is not None:
+                    awaited.append(left if way == "left" else right)
+                else:
+                    awaited += [split, None, right, (split, "right"), None, left, (split, "left")]
+            case (split, way):
+                region.enter(split.feature, split.threshold, way)
+            case None:
+                region.leave()
+            case split:
+                split.right, split.left = done.pop(), done.pop()
+                split.n_leaves = split.left.n_leaves + split.right.n_leaves
+                done.append(_survivor(tree.actions, split, region) if merge else split)
+    return _rebuild(tree, _preorder(done.pop()))
 
 
 def prune_unvisited(tree: DecisionTree) -> DecisionTree:
@@ -92,92 +130,81 @@ def prune_unvisited(tree: DecisionTree) -> DecisionTree:
 def _work(tree: DecisionTree) -> list[_Node]:
     """Unpack the arrays."""
     decided = tree.actions.decide(tree.value)
-    visits = np.zeros(tree.n_nodes, np.int64) if tree.n_node_samples is None else tree.n_node_samples
+    visits = [None] * tree.n_nodes if tree.n_node_samples is None else tree.n_node_samples.tolist()
     return [
-        _Leaf(tree.value[node], decided[node].tobytes(), int(visits[node]))
+        _Leaf(tree.value[node], decided[node].tobytes(), visits[node])
         if leaf
         else _Split(int(tree.feature[node]), float(tree.threshold[node]))
         for node, leaf in enumerate(tree.is_leaf)
     ]
 
 
-def _undecided(tree: DecisionTree, *, bounds: bool) -> list[_Node]:
-    """Return the nodes in preorder without the splits that the way to them, or the bounds, decide."""
-    # x is known to be NaN or greater than `above`, and, unless that is infinite, at most `most`
-    space = [(-math.inf, math.inf)] * tree.n_features
-    if bounds:
-        ends = zip(tree.feature_low.tolist(), tree.feature_high.tolist(), strict=True)
-        space = [(math.nextafter(low, -math.inf), high) for low, high in ends]
-    work, kept = _work(tree), []
-    awaited: list[tuple[int, dict[int, tuple[float, float]]]] = [(0, {})]
-    while awaited:
-        node, known = awaited.pop()
-        split = work[node]
-        if isinstance(split, _Leaf):
-            kept.append(split)
-            continue
-        feature, threshold = split.feature, split.threshold
-        left, right = int(tree.children_left[node]), int(tree.children_right[node])
-        above, most = known.get(feature, space[feature])
-        if threshold <= above:
-            awaited.append((right, known))
-        elif most <= threshold:
-            awaited.append((left, known))
-        else:
-            kept.append(split)
-            awaited.append((right, {**known, feature: (threshold, most)}))
-            awaited.append((left, {**known, feature: (above, threshold)}))
-    return kept
-
-
-def _merged(tree: DecisionTree, nodes: list[_Node]) -> _Node:
-    """Link the nodes, leave out the idle splits, return the root; no split may be decided."""
-    done: list[_Node] = []
-    for node in reversed(nodes):
-        if isinstance(node, _Split):
-            node.left, node.right = done.pop(), done.pop()
-            node = _survivor(tree, node)
-        done.append(node)
-    return done.pop()
-
-
-def _survivor(tree: DecisionTree, split: _Split) -> _Node:
-    """Return the side that can answer for both, with the other one's visits added, or the split itself."""
-    assert split.left is not None
-    assert split.right is not None
-    sides: list[tuple[_Node, _Node, _Way]]
-    sides = [(split.left, split.right, "right"), (split.right, split.left, "left")]
-    for keep, other, way in sides:
-        pairs = zip_longest(_walk(keep, split.feature, way), _walk(other))
-        if all(_alike(a, b) for a, b in pairs):
-            for a, b in zip(_walk(keep, split.feature, way), _walk(other), strict=True):
-                if isinstance(a, _Leaf) and isinstance(b, _Leaf):
-                    a.value, a.visits = _common_value(tree.actions, a, b), a.visits + b.visits
-            return keep
+def _survivor(actions: ActionSpec, split: _Split, region: Region) -> _Node:
+    """Return the smaller side that can answer for both, with the other one's visits, or the split itself."""
+    orders: list[tuple[Way, Way]] = [("left", "right"), ("right", "left")]
+    for kept, dropped in sorted(orders, key=lambda order: split.side(order[0]).n_leaves):
+        answered_by = _answered_by(split.side(kept), split, dropped, region)
+        if answered_by is not None:
+            for leaf, by in answered_by.items():
+                _add_visits(actions, leaf, by)
+            return split.side(kept)
     return split
 
 
-def _walk(root: _Node, feature: int | None = None, way: _Way = "left") -> Iterator[_Node]:
-    """Go through a subtree in preorder, as it is for those who turn one way at every split on a feature."""
-    awaited: list[_Node | None] = [root]
+def _answered_by(keep: _Node, split: _Split, way: Way, region: Region) -> dict[_Leaf, list[_Leaf]] | None:
+    """Return the leaves of `keep` that answer for each leaf on this side; None if somewhere it acts otherwise."""
+    answered_by: dict[_Leaf, list[_Leaf]] = {}
+    other, depth = split.side(way), region.depth
+    patience = _LEAST_PATIENCE + _PATIENCE * (keep.n_leaves + other.n_leaves)
+    # two nodes for the same observations, those that go this way at a split; None to leave that side
+    awaited: list[tuple[_Node, _Node, _Split, Way] | None] = [None, (keep, other, split, way)]
     while awaited:
-        node = awaited.pop()
-        if isinstance(node, _Split) and node.feature == feature:
-            awaited.append(node.left if way == "left" else node.right)
-        elif node is not None:
-            yield node
-            awaited += [node.right, node.left] if isinstance(node, _Split) else []
+        step = awaited.pop()
+        if step is None:
+            region.leave()
+            continue
+        region.enter(step[2].feature, step[2].threshold, step[3])
+        (a, steps), (b, more_steps) = _undecided(step[0], region), _undecided(step[1], region)
+        patience -= 1 + steps + more_steps
+        if isinstance(a, _Split):
+            awaited += [None, (a.side("right"), b, a, "right"), None, (a.side("left"), b, a, "left")]
+        elif isinstance(b, _Split):
+            awaited += [None, (a, b.side("right"), b, "right"), None, (a, b.side("left"), b, "left")]
+        elif a.action == b.action and patience > 0:
+            answered_by.setdefault(b, []).append(a)
+        else:
+            while region.depth > depth:
+                region.leave()
+            return None
+    return answered_by
 
 
-def _alike(a: _Node | None, b: _Node | None) -> bool:
-    """Whether two nodes in the same place ask the same question or act the same."""
-    if isinstance(a, _Split) and isinstance(b, _Split):
-        return (a.feature, a.threshold) == (b.feature, b.threshold)
-    return isinstance(a, _Leaf) and isinstance(b, _Leaf) and a.action == b.action
+def _undecided(node: _Node, region: Region) -> tuple[_Node, int]:
+    """Descend as far as all these observations go together; return that node, and how far it was."""
+    steps = 0
+    while isinstance(node, _Split) and (way := region.way(node.feature, node.threshold)) is not None:
+        node, steps = node.side(way), steps + 1
+    return node, steps
+
+
+def _add_visits(actions: ActionSpec, leaf: _Leaf, answered_by: list[_Leaf]) -> None:
+    """Add the visits of a leaf that is dropped to the leaves that answer in its place."""
+    kept = answered_by[0]
+    if len({*answered_by}) == 1:
+        if leaf.visits is None or kept.visits is None:
+            kept.visits = None
+        else:
+            kept.value = _common_value(actions, kept, leaf)
+            kept.visits += leaf.visits
+    elif leaf.visits != 0:
+        for kept in answered_by:
+            kept.visits = None
 
 
 def _common_value(actions: ActionSpec, a: _Leaf, b: _Leaf) -> np.ndarray:
-    """Return one value for two leaves that act the same."""
+    """Return one value for two leaves that act the same, and whose visits are known."""
+    assert a.visits is not None
+    assert b.visits is not None
     more_visited = a.value if a.visits >= b.visits else b.value
     if isinstance(actions, BoxActions) or a.visits + b.visits == 0:
         return more_visited
@@ -189,13 +216,23 @@ def _common_value(actions: ActionSpec, a: _Leaf, b: _Leaf) -> np.ndarray:
     return logits if actions.decide(logits[None])[0].tobytes() == a.action else more_visited
 
 
-def _rebuild(tree: DecisionTree, nodes: list[_Node]) -> DecisionTree:
+def _preorder(root: _Node) -> Iterator[_Node]:
+    awaited: list[_Node] = [root]
+    while awaited:
+        yield (node := awaited.pop())
+        if isinstance(node, _Split):
+            awaited += [node.side("right"), node.side("left")]
+
+
+def _rebuild(tree: DecisionTree, preorder: Iterable[_Node]) -> DecisionTree:
     """Pack nodes in preorder into the arrays of a tree."""
+    nodes = list(preorder)
     n_nodes = len(nodes)
     left, right = np.full(n_nodes, NO_CHILD), np.full(n_nodes, NO_CHILD)
     feature, threshold = np.full(n_nodes, NO_FEATURE), np.full(n_nodes, NO_THRESHOLD)
     value = np.zeros((n_nodes, tree.actions.n_outputs), np.float32)
     visits = np.zeros(n_nodes, np.int64)
+    known = True
     roots: list[int] = []
     for i, node in reversed(list(enumerate(nodes))):
         if isinstance(node, _Split):
@@ -203,7 +240,8 @@ def _rebuild(tree: DecisionTree, nodes: list[_Node]) -> DecisionTree:
             feature[i], threshold[i] = node.feature, node.threshold
             visits[i] = visits[left[i]] + visits[right[i]]
         else:
-            value[i], visits[i] = node.value, node.visits
+            value[i], visits[i] = node.value, node.visits or 0
+            known &= node.visits is not None
         roots.append(i)
     return replace(
         tree,
@@ -212,5 +250,5 @@ def _rebuild(tree: DecisionTree, nodes: list[_Node]) -> DecisionTree:
         feature=feature,
         threshold=threshold,
         value=value,
-        n_node_samples=None if tree.n_node_samples is None else visits,
+        n_node_samples=visits if known else None,
     )
