@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
@@ -13,7 +14,7 @@ from ..envs.env import MAX_EPISODE_STEPS
 from ..envs.host import EnvironmentFailure
 from ..envs.registry import EnvSpec
 from ..policies.distributions import Distribution
-from ..policies.tree import Tree
+from ..policies.tree import RolloutTree, Tree
 from ..types import Transition
 from .config import PPOConfig
 from .init import PURPOSES
@@ -35,22 +36,31 @@ class HostCollector:
         self._observation = np.zeros((config.num_envs, len(spec.features.names)), np.float32)
         self._max_episode_steps = spec.max_episode_steps
 
+        # what a step needs of the policy, and a chunk of its noise, is worked out before: a step is all dispatch
+        @jax.jit
+        def choose(actor: Tree) -> RolloutTree:
+            return actor.rollout()
+
+        @jax.jit
+        def draw(key: Array, chunk: Int[Array, ""]) -> Array:
+            # the update splits the same key in two, and JAX's split(key)[i] is fold_in(key, i): so not 0, not 1
+            noise_key = jax.random.fold_in(jax.random.wrap_key_data(key), 2)
+            steps = chunk * config.chunk_steps + jnp.arange(config.chunk_steps)
+            keys = jax.vmap(lambda step: jax.random.fold_in(noise_key, step))(steps)
+            return jax.vmap(lambda key: distribution.noise(key, (config.num_envs,)))(keys)
+
         @jax.jit
         def act(
-            actor: Tree, normalizer: Normalizer, key: Array, step: Int[Array, ""], observation: Array
+            policy: RolloutTree, log_std: Array, normalizer: Normalizer, noise: Array, observation: Array
         ) -> tuple[Array, Array]:
-            outputs = actor.rollout()(normalizer(observation))
-            # the update splits the same key in two, and JAX's split(key)[i] is fold_in(key, i): so not 0, not 1
-            noise_key = jax.random.fold_in(jax.random.fold_in(jax.random.wrap_key_data(key), 2), step)
-            noise = distribution.noise(noise_key, (config.num_envs,))
-            action = distribution.sample(outputs, actor.log_std, noise)
+            action = distribution.sample(policy(normalizer(observation)), log_std, noise)
             return action, distribution.to_env(action)
 
         @jax.jit
-        def decide(actor: Tree, normalizer: Normalizer, observation: Array) -> Array:
-            return distribution.to_env(distribution.mode(actor.rollout()(normalizer(observation))))
+        def decide(policy: RolloutTree, normalizer: Normalizer, observation: Array) -> Array:
+            return distribution.to_env(distribution.mode(policy(normalizer(observation))))
 
-        self._act, self._decide = act, decide
+        self._choose, self._draw, self._act, self._decide = choose, draw, act, decide
 
     def begin(self, seed: int, timestep: int) -> None:
         """Start new episodes everywhere."""
@@ -63,11 +73,15 @@ class HostCollector:
 
         Raises EnvironmentFailure, naming the step, when an environment does.
         """
-        config, rollout = self._config, None
+        config, rollout, noise = self._config, None, np.zeros(0)
+        policy, log_std = self._choose(state.networks.actor), state.networks.actor.log_std
         for i in range(num_chunks * config.chunk_steps):
+            chunk, step_of_chunk = divmod(i, config.chunk_steps)
+            if step_of_chunk == 0:
+                noise = np.asarray(self._draw(state.key, np.int32(chunk)))
             observation = self._observation
             action, env_action = self._act(
-                state.networks.actor, state.normalizer, state.key, np.int32(i), observation
+                policy, log_std, state.normalizer, noise[step_of_chunk], observation
             )
             try:
                 step, self._observation = self._envs.step(np.asarray(env_action))
@@ -82,7 +96,7 @@ class HostCollector:
             )  # NumPy's arrays, not JAX's
             transition = Transition(*row)
             rollout = rollout if rollout is not None else self._buffer(transition)
-            jax.tree.map(_writer(*divmod(i, config.chunk_steps)), rollout, transition)
+            jax.tree.map(_writer(chunk, step_of_chunk), rollout, transition)
         assert rollout is not None
         return rollout, self._observation
 
@@ -93,13 +107,14 @@ class HostCollector:
         running, played = np.zeros(config.num_envs), np.zeros(config.num_envs, int)
         total, length = 0.0, np.zeros(config.num_envs, int)
         limit = self._max_episode_steps or MAX_EPISODE_STEPS
+        policy = self._choose(state.networks.actor)
         observation = self._envs.reset(host_seed(seed, "validation"))
-        while np.any(played < quota):
-            action = self._decide(state.networks.actor, state.normalizer, observation)
-            step, observation = self._envs.step(np.asarray(action))
+        while np.any(playing := played < quota):
+            action = self._decide(policy, state.normalizer, observation)
+            step, observation = self._envs.step(np.asarray(action), playing)
             running, length = running + step.reward, length + 1
             done = step.terminated | step.truncated | (length >= limit)
-            total += float(running[done & (played < quota)].sum())
+            total += float(running[done & playing].sum())
             played, running, length = played + done, np.where(done, 0, running), np.where(done, 0, length)
         return np.float32(total / (quota * config.num_envs))
 

@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from jaxtyping import Float32, Shaped
+from jaxtyping import Bool, Float32, Shaped
 from numpy import ndarray
 
 from ..types import Step
@@ -64,8 +64,10 @@ class HostEnvs:
         require_finite("an observation", observation)
         return observation.copy()
 
-    def step(self, actions: Shaped[ndarray, "envs ..."]) -> tuple[Step, Float32[ndarray, "envs features"]]:
-        """Take one step in every copy.
+    def step(
+        self, actions: Shaped[ndarray, "envs ..."], wanted: Bool[ndarray, " envs"] | None = None
+    ) -> tuple[Step, Float32[ndarray, "envs features"]]:
+        """Take one step in every copy. Copies that are not ``wanted`` need not step; their rows mean nothing.
 
         The actions are the policy's: int32 ``[E]`` or ``[E, k]`` counted from zero, or float32 ``[E, A]`` or
         ``[E, *shape]`` within the bounds. Returns the step, with the true last observation of every episode

@@ -15,7 +15,7 @@ import os
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Shaped
+from jaxtyping import Bool, Float32, Shaped
 from numpy import ndarray
 
 from ..trees.floats import flushed
@@ -91,13 +91,19 @@ class PoolEnvs:
         require_finite("an observation", observation)
         return observation
 
-    def step(self, actions: Shaped[ndarray, "envs ..."]) -> tuple[Step, Float32[ndarray, "envs features"]]:
-        """Take one step in every copy; actions and results are those of `HostEnvs.step`.
+    def step(
+        self, actions: Shaped[ndarray, "envs ..."], wanted: Bool[ndarray, " envs"] | None = None
+    ) -> tuple[Step, Float32[ndarray, "envs features"]]:
+        """Take one step in every copy, or in those ``wanted``; otherwise as `HostEnvs.step`.
 
         Raises EnvironmentFailure if a copy returns NaN or infinity.
         """
         assert self._pool is not None, "reset() comes first"
-        observation, reward, terminated, truncated, _ = self._pool.step(actions)
+        if wanted is None or wanted.all():
+            observation, reward, terminated, truncated, _ = self._pool.step(actions)
+        else:
+            results = self._pool.step(actions[wanted], np.flatnonzero(wanted))[:4]
+            observation, reward, terminated, truncated = (_spread(result, wanted) for result in results)
         last_observation = flushed(observation)
         done = terminated | truncated
         next_observation = last_observation
@@ -113,6 +119,13 @@ class PoolEnvs:
     def close(self) -> None:
         """Let go of the copies; their threads end."""
         self._pool = None
+
+
+def _spread(rows: ndarray, wanted: Bool[ndarray, " envs"]) -> ndarray:
+    """The rows of those wanted, and zeros for the others."""
+    full = np.zeros((len(wanted), *rows.shape[1:]), rows.dtype)
+    full[wanted] = rows
+    return full
 
 
 def _make(task: str, num_envs: int, seeds: list[int]) -> Any:

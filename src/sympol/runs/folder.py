@@ -18,7 +18,7 @@ import platform
 import shutil
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ import tomli_w
 from .. import __version__
 from ..algos.config import ConfigError, PPOConfig
 from ..algos.state import TrainState
+from ..envs import pool
 from ..envs.registry import EnvSpec, UnknownEnvironment, resolve
 from ..trees import DecisionTree, Group
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
@@ -171,23 +172,28 @@ class Run:
     def resolve_env(self, env: Any = None) -> EnvSpec:
         """The environment the run was made on, or ``env`` in its place, under the names of the run.
 
+        Where envpool is not installed a run that trained through it can be read, and only refuses to train on.
+
         Raises:
             RunError: the environment has no id that is known here.
         """
+        backend = self.about["backend"] if env is None else "auto"
+        without_pool = backend == "envpool" and not pool.is_installed()
         try:
-            return resolve(
+            spec = resolve(
                 self.about["env"] if env is None else env,
                 feature_names=self.about["feature_names"],
                 action_names=self.about["action_names"],
                 env_kwargs=self.about["env_kwargs"] if env is None else None,
                 groups=self.about["groups"],
-                backend=self.about["backend"] if env is None else "auto",
+                backend="host" if without_pool else backend,
             )
         except UnknownEnvironment as error:
             raise RunError(
                 f"{self.path} was trained on {self.about['env']!r}, which is not known here; register it with "
                 "sympol.register, or give the environment itself: sympol.load(path, env=...)"
             ) from error
+        return replace(spec, pool_task=pool.TASKS.get(spec.name)) if without_pool else spec
 
     def save_checkpoint(self, state: TrainState) -> None:
         """Write the state of the training."""
