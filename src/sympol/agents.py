@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from .algos.bounds import kept_bounds, warn_of_bounds
 from .algos.config import PPOConfig
 from .algos.presets import DEFAULT, preset
 from .algos.state import TrainState
@@ -104,6 +105,7 @@ class PPO:
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
         """What the last `learn` spent compiling."""
+        self._warned = False
         self._rng = np.random.default_rng(self.seed)
         self._trees: dict[tuple[int, bool], DecisionTree] = {}
 
@@ -160,6 +162,7 @@ class PPO:
             _require_finite(state, self.num_timesteps)  # waits for the device, too
             self.state = state
             elapsed = time.perf_counter() - began
+            self._warned = self._warned or warn_of_bounds(self.spec.name, self.spec.features.names, state)
             metrics = _metrics(self.state, elapsed, (self.num_timesteps - first) / elapsed)
             bar.update(metrics)
             report = Report(self, self.num_timesteps, self.config.total_timesteps, metrics)
@@ -247,14 +250,15 @@ def _extract(spec: EnvSpec, config: PPOConfig, state: TrainState) -> DecisionTre
     actions = spec.actions
     if isinstance(actions, BoxActions):
         actions = replace(actions, std=tuple(np.exp(np.asarray(actor.log_std)).tolist()))
+    low, high = kept_bounds(spec.features, state)
     return extract_tree(
         actor,
         np.asarray(state.normalizer.shift),
         np.asarray(state.normalizer.scale),
         actions=actions,
         feature_names=spec.features.names,
-        feature_low=spec.features.low,
-        feature_high=spec.features.high,
+        feature_low=low,
+        feature_high=high,
         groups=spec.features.groups,
     )
 

@@ -108,6 +108,7 @@ def init_state(
         networks=networks,
         opt_state=optimizer(hyper, jnp.float32(1), networks).init(networks),
         normalizer=normalizer,
+        outside=jnp.zeros((2, num_features), bool),
         env_state=None,
         observation=None,
         key=jax.random.key_data(purpose_key(seed, "train")),

@@ -120,12 +120,14 @@ class Validation(NamedTuple):
 class TrainState(NamedTuple):
     """See the module. ``env_state`` and ``observation`` are None where the host steps the environments.
 
-    ``key`` is raw key data, so that every leaf is a plain array.
+    ``key`` is raw key data, so that every leaf is a plain array. ``outside`` says which features were seen below
+    (first row) and above (second row) the bounds that the environment promised.
     """
 
     networks: Networks
     opt_state: optax.OptState
     normalizer: Normalizer
+    outside: Bool[Array, "2 features"]
     env_state: Any
     observation: Any
     key: UInt32[Array, "2"]

@@ -27,6 +27,7 @@ from ..envs.registry import EnvSpec
 from ..functional.schedules import stage
 from ..policies.distributions import Distribution, distribution_of
 from ..types import Transition
+from .bounds import watch_bounds
 from .collect import collect, empty_rollout, reset_envs
 from .collect_host import HostCollector
 from .config import Hyperparameters, PPOConfig
@@ -58,6 +59,7 @@ def make_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
     """
     distribution = distribution_of(env.action_space)
     normalizer, bounded = normalizer_of(env.observation_space, config)
+    bounds = env.observation_space
 
     def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
         state = init_state(config, distribution, normalizer, hyper, seed)
@@ -73,6 +75,7 @@ def make_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
         k = stage(state.timestep, config.total_timesteps, config.max_stage)
         state, rollout = collect(env, distribution, state, rollout, 1 << k, collect_key)
         next_x = state.normalizer(state.observation)
+        state = watch_bounds(bounds, state, rollout, 1 << k)
         return improve(config, distribution, bounded, hyper, state, rollout, next_x, k, learn_key), rollout
 
     def segment(
@@ -238,6 +241,7 @@ class HostTrainer(Trainer):
                 last_observation=state.normalizer(rollout.last_observation),
             )
             next_x = state.normalizer(observation)
+            state = watch_bounds(spec.features, state, rollout, 1 << k)
             return improve(config, distribution, bounded, hyper, state, rollout, next_x, k, learn_key)
 
         @jax.jit

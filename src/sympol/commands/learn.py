@@ -20,7 +20,7 @@ from ..envs.registry import EnvSpec
 from ..evaluate import play
 from ..runs.folder import Run, versions
 from ..runs.metrics import TensorBoard
-from .say import err, out, print_error, print_next, summary_words
+from .say import err, out, print_error, print_next, summary_words, warnings_in_one_line
 
 EVAL_SEED = 1
 """Of the test episodes at the end of a training; training and validation have streams of their own."""
@@ -50,7 +50,7 @@ def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboar
 
     first, began = agent.num_timesteps, time.perf_counter()
     try:
-        with _ask_to_stop(lambda: agent.state is not None) as asked:
+        with _ask_to_stop(lambda: agent.state is not None) as asked, warnings_in_one_line():
             if agent.num_timesteps < agent.config.total_timesteps:
                 agent.learn(callback=keep)
         if agent.num_timesteps < agent.config.total_timesteps:

@@ -7,6 +7,7 @@ import os
 import shlex
 import shutil
 import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,14 @@ def print_error(error: BaseException) -> None:
 def print_warning(warning: Warning | str) -> None:
     """What does not end it, idem."""
     err.print(f"[bold yellow]warning:[/] {_one_line(warning)}")
+
+
+@contextlib.contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """What is warned of meanwhile is said as it comes, without the line of code that warned."""
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: print_warning(message)
+        yield
 
 
 def _one_line(message: object) -> str:
