@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import subprocess
 import sys
@@ -5,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from sympol.trees import DecisionTree, DiscreteActions
+from sympol.trees import DecisionTree, DiscreteActions, Group
 
 from .samples import ACTIONS, HOSTILE_NAMES, random_tree
 
@@ -17,6 +18,15 @@ def test_round_trip_is_exact(kind):
         tree = random_tree(rng, ACTIONS[kind])
         assert DecisionTree.from_json(tree.to_json()) == tree
         assert DecisionTree.from_json(tree.prune().to_json()) == tree.prune()
+
+
+def test_groups_come_back(front):
+    assert DecisionTree.from_json(front.to_json()) == front
+    assert DecisionTree.from_json(front.to_json()).groups == front.groups
+    assert '"groups"' not in dataclasses.replace(front, groups=()).to_json()
+    group = Group(HOSTILE_NAMES[0], (1, 3), (HOSTILE_NAMES[1], HOSTILE_NAMES[1]))
+    other = dataclasses.replace(front, groups=[Group("", (2,), ("",), (0, 999)), group])
+    assert DecisionTree.from_json(other.to_json()) == other != front
 
 
 def test_every_float32_comes_back():
@@ -106,6 +116,40 @@ def edited(tree: DecisionTree, *path, to) -> str:
 def test_edited_files_are_refused(cartpole, path, to, message):
     with pytest.raises(ValueError, match=message):
         DecisionTree.from_json(edited(cartpole, *path, to=to))
+
+
+@pytest.mark.parametrize(
+    ("path", "to", "message"),
+    [
+        ([], {}, "groups must be a list"),
+        ([], None, "groups must be a list"),
+        ([], [], "groups must be left out where there are none"),
+        ([], [3], r"groups\[0\] must be an object of name, features, categories, cell"),
+        ([0, "cell"], ..., r"groups\[0\] must be an object of"),
+        ([0, "extra"], 1, r"groups\[0\] must be an object of"),
+        ([0, "name"], None, r"groups\[0\].name must be a string"),
+        ([0, "features"], "1234", r"groups\[0\].features must be a list"),
+        ([0, "features"], [], "different positions"),
+        ([0, "features"], [1, 1, 2, 3], "different positions"),
+        ([0, "features"], [1, 2, 3], "a category, a string, for each of its 3 features"),
+        ([0, "features", 0], 6, "features must be an integer from 0 to 5"),
+        ([0, "features", 0], -1, "features must be an integer from 0 to 5"),
+        ([0, "features", 0], True, "features must be an integer"),
+        ([0, "features", 0], 1.0, "features must be an integer"),
+        ([0, "categories"], "abcd", r"groups\[0\].categories must be a list"),
+        ([0, "categories", 0], None, r"groups\[0\].categories must be a string"),
+        ([0, "cell"], 3, r"groups\[0\].cell must be a list"),
+        ([0, "cell"], [], r"groups\[0\].cell must be \[row, column\] or null"),
+        ([0, "cell"], [1, 2, 3], r"groups\[0\].cell must be \[row, column\] or null"),
+        ([0, "cell"], [1, None], r"groups\[0\].cell must be an integer from 0 to 999"),
+        ([0, "cell"], [1, 1000], r"groups\[0\].cell must be an integer from 0 to 999"),
+        ([0, "cell"], [-1, 0], r"groups\[0\].cell must be an integer from 0 to 999"),
+        ([], [{"name": "", "features": [1], "categories": [""], "cell": None}] * 2, "in two groups"),
+    ],
+)
+def test_edited_groups_are_refused(front, path, to, message):
+    with pytest.raises(ValueError, match=message):
+        DecisionTree.from_json(edited(front, "groups", *path, to=to))
 
 
 @pytest.mark.parametrize("shape", [[2], [0], [], [1] * 40, [-1], [1.0]])

@@ -18,6 +18,9 @@ from .floats import printable
 if TYPE_CHECKING:
     from jaxtyping import Float32
 
+LARGEST_CELL = 999
+"""The last row and column of a view: a view is drawn whole, so a tree from a stranger must not make it large."""
+
 
 @final
 @dataclass(frozen=True)
@@ -49,8 +52,11 @@ class Group:
         if self.cell is not None:
             row, column = self.cell
             object.__setattr__(self, "cell", (int(row), int(column)))
-            if min(row, column) < 0:
-                raise ValueError(f"the cell of group {self.name!r} must not be negative, got {self.cell}")
+            if not (0 <= row <= LARGEST_CELL and 0 <= column <= LARGEST_CELL):
+                raise ValueError(
+                    f"the cell of group {self.name!r} must be a row and a column from 0 to {LARGEST_CELL}, "
+                    f"got {self.cell}"
+                )
         if not features or min(features) < 0 or len(set(features)) < len(features):
             raise ValueError(
                 f"the features of group {self.name!r} must be different positions, got {features}"

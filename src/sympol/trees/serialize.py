@@ -3,6 +3,8 @@
 ```
 {"format": "sympol.tree", "version": 1,
  "features": [{"name": "pole angle", "low": -0.418, "high": "inf"}, …],      no bound: "-inf" or "inf"
+ "groups": [{"name": "front", "features": [3, 4], "categories": ["wall", "door"], "cell": [5, 3]}, …],
+                                                                             only where there are groups
  "actions": {"type": "discrete", "start": 0, "names": ["left", "right"]},
  "nodes": [{"feature": 0, "threshold": 0.01, "left": 1, "right": 2},         preorder, the root first
            {"value": [1.5, -1.5], "visits": 62}, …],                         visits: at every leaf or at none
@@ -17,13 +19,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, Never
 
 import numpy as np
 
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
 from .floats import shortest
+from .groups import LARGEST_CELL, Group
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .tree import DecisionTree
 
@@ -40,8 +43,9 @@ def to_json(tree: DecisionTree) -> str:
     bounds = zip(tree.feature_names, tree.feature_low, tree.feature_high, strict=True)
     features = [{"name": name, "low": _bound(low), "high": _bound(high)} for name, low, high in bounds]
     head = f'{{"format": {json.dumps(FORMAT)}, "version": {VERSION},\n'
+    groups = f'"groups": {_lines(map(_group_to_json, tree.groups))},\n' if tree.groups else ""
     return (
-        f'{head}"features": {_lines(features)},\n"actions": {json.dumps(_actions_to_json(tree.actions))},\n'
+        f'{head}"features": {_lines(features)},\n{groups}"actions": {json.dumps(_actions_to_json(tree.actions))},\n'
         f'"nodes": {_lines(_node_to_json(tree, node) for node in range(tree.n_nodes))},\n'
         f'"meta": {json.dumps(tree.meta, allow_nan=False)}}}\n'
     )
@@ -81,6 +85,15 @@ def _node_to_json(tree: DecisionTree, node: int) -> dict[str, Any]:
     }
 
 
+def _group_to_json(group: Group) -> dict[str, Any]:
+    return {
+        "name": group.name,
+        "features": group.features,
+        "categories": group.categories,
+        "cell": group.cell,
+    }
+
+
 def _actions_to_json(actions: ActionSpec) -> dict[str, Any]:
     if isinstance(actions, DiscreteActions):
         return {"type": "discrete", "start": actions.start, "names": actions.names}
@@ -105,7 +118,8 @@ def _read(document: object) -> DecisionTree:
         raise ValueError(
             f"version {document.get('version')!r} of the format; this sympol reads version {VERSION}"
         )
-    _fields(document, "the document", "format", "version", "features", "actions", "nodes", "meta")
+    keys = ("format", "version", "features", "actions", "nodes", "meta")
+    _fields(document, "the document", *keys, *(("groups",) if "groups" in document else ()))
     features = [
         _fields(feature, f"features[{i}]", "name", "low", "high")
         for i, feature in enumerate(_list(document["features"], "features"))
@@ -117,10 +131,34 @@ def _read(document: object) -> DecisionTree:
         feature_names=tuple(_string(feature["name"], "a feature's name") for feature in features),
         feature_low=np.array([_number(feature["low"], "low", unbounded=True) for feature in features]),
         feature_high=np.array([_number(feature["high"], "high", unbounded=True) for feature in features]),
+        groups=tuple(_read_groups(document)),
         meta=document["meta"]
         if isinstance(document["meta"], dict)
         else _fail("meta", "an object", document["meta"]),
     )
+
+
+def _read_groups(document: dict[str, Any]) -> Iterator[Group]:
+    if "groups" in document and not _list(document["groups"], "groups"):
+        _fail("groups", "left out where there are none", document["groups"])
+    for i, spec in enumerate(document.get("groups", [])):
+        where = f"groups[{i}]"
+        group = _fields(spec, where, "name", "features", "categories", "cell")
+        features = _list(group["features"], f"{where}.features")
+        last = len(document["features"]) - 1
+        yield Group(
+            name=_string(group["name"], f"{where}.name"),
+            features=tuple(_integer(feature, f"{where}.features", 0, last) for feature in features),
+            categories=_strings(group["categories"], f"{where}.categories"),
+            cell=None if group["cell"] is None else _read_cell(group["cell"], f"{where}.cell"),
+        )
+
+
+def _read_cell(cell: object, where: str) -> tuple[int, int]:
+    if len(_list(cell, where)) != 2:
+        _fail(where, "[row, column] or null", cell)
+    row, column = (_integer(x, where, 0, LARGEST_CELL) for x in _list(cell, where))
+    return row, column
 
 
 def _read_actions(spec: object) -> ActionSpec:
