@@ -12,7 +12,7 @@ from .samples import ACTIONS, HOSTILE_NAMES, chain, random_tree
 GOLDEN = Path(__file__).parents[1] / "golden" / "trees"
 
 
-@pytest.mark.parametrize("name", ["cartpole", "pendulum"])
+@pytest.mark.parametrize("name", ["cartpole", "pendulum", "front"])
 @pytest.mark.parametrize("form", ["txt", "json", "py", "rules"])
 def test_golden(name, form, request):
     tree: DecisionTree = request.getfixturevalue(name)
@@ -57,12 +57,6 @@ def test_conditions_on_one_feature_become_an_interval():
         "If 0 < x ≤ 1",
         "If x > 1",
     ]
-
-
-@pytest.mark.parametrize("form", ["txt", "rules"])
-def test_golden_of_a_group(front, form):
-    written = str(front) if form == "txt" else "\n".join(front.rules())
-    assert written + "\n" == (GOLDEN / f"front.{form}").read_text(encoding="utf-8")
 
 
 def one_split(

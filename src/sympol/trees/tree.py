@@ -217,7 +217,7 @@ class DecisionTree:
         return replace(self, n_node_samples=visits)
 
     def prune(self, *, bounds: bool = True, merge: bool = True) -> DecisionTree:
-        """Return the smaller tree that acts the same: see `sympol.trees.prune`."""
+        """Return the smaller tree that acts the same, knowing bounds and groups: see `sympol.trees.prune`."""
         from .prune import prune
 
         return prune(self, bounds=bounds, merge=merge)
