@@ -6,7 +6,8 @@ Farama's. A `World` is the common tongue of the two: it can be read from and wri
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -16,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sympol.envs.minigrid import MiniGrid
-from sympol.envs.minigrid.cells import COLOURS, KINDS, OBJECTS
+from sympol.envs.minigrid.cells import EMPTY, KINDS, PORTABLE, bits
 from sympol.envs.minigrid.core import IN_HAND, GridState
+from sympol.envs.minigrid.doorkey import DoorKey
+from sympol.envs.minigrid.task import TableTask
 from sympol.types import Step
 
 BATCH = 512
@@ -43,45 +46,60 @@ class Graph(NamedTuple):
     reaches_goal: NDArray[np.bool_]  # [S, A]
 
 
-def starts(env: MiniGrid, num: int = 20_000) -> GridState:
-    """All the starts that this many resets found: all there are, with certainty for the small tasks."""
-    state, _ = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), num))
-    return _unique(jax.tree.map(np.asarray, state))
+def all_starts(env: MiniGrid) -> tuple[GridState, NDArray[np.float64]]:
+    """Every start (batched) and its probability, by putting in every combination of random integers that differs."""
+    match env.task:
+        case TableTask():
+            num = len(env.task.starts())
+            draws, probability = np.arange(num)[:, None], np.full(num, 1 / num)
+        case DoorKey(size):
+            parts, probabilities = [], []
+            for layout in range(size - 4):
+                cells = (layout + 1) * (size - 2)
+                choices = (cells, cells - 1, 4, size - 3)  # agent, key, direction, door
+                grid = np.indices(choices).reshape(len(choices), -1).T
+                parts.append(np.insert(grid, 0, layout, axis=1))
+                probabilities.append(np.full(len(grid), 1 / (size - 4) / np.prod(choices)))
+            draws, probability = np.concatenate(parts), np.concatenate(probabilities)
+        case _:
+            raise ValueError(f"too many starts to list them: {env.task}")
+    states = jax.jit(jax.vmap(env.start))(draws.astype(np.uint32))
+    return jax.tree.map(np.asarray, states), probability
 
 
 def step_all(env: MiniGrid, states: GridState, actions: NDArray) -> tuple[GridState, Step]:
-    """One step from each of many states, in batches of one shape."""
+    """One step from each of many states, in batches of one shape; all of it NumPy's."""
     step = _compiled(env)
-    num = len(actions)
-    rows = np.resize(np.arange(num), -(-num // BATCH) * BATCH).reshape(-1, BATCH)
-    parts = [step(jax.tree.map(lambda x, r=r: x[r], states), actions[r].astype(np.int32)) for r in rows]
-    return jax.tree.map(lambda *x: np.concatenate(x)[:num], *parts)
+    parts = [step(_at(states, rows), actions[rows].astype(np.int32)) for rows in _batches(len(actions))]
+    return jax.tree.map(lambda *x: np.concatenate(x)[: len(actions)], *parts)
 
 
 def reachable(env: MiniGrid, start: GridState | None = None) -> Graph:
     """Explore from some states (batched), by default from all starts, at time 0 and without a time limit."""
-    known = _unique(jax.tree.map(np.asarray, starts(env) if start is None else start))
     num_actions = len(env.view.actions)
-    index = {row.tobytes(): i for i, row in enumerate(_rows(known))}
-    frontier, observations, successors, goals = known, [], [], []
+    actions = np.arange(num_actions)
+    frontier = _unique(all_starts(env)[0] if start is None else start)
+    index = {key: i for i, key in enumerate(keys(frontier))}
+    states, successors, goals = [], [], []
     while len(frontier.time):
         num = len(frontier.time)
-        observations.append(observe_all(env, frontier))
-        each = jax.tree.map(lambda x: np.repeat(x, num_actions, axis=0), frontier)
-        after, step = step_all(env, each, np.tile(np.arange(num_actions), num))
+        each = jax.tree.map(partial(np.repeat, repeats=num_actions, axis=0), frontier)
+        after, step = step_all(env, each, np.tile(actions, num))
         after = after._replace(time=np.zeros_like(after.time))
         fresh, successor = [], np.full(len(step.reward), -1)
-        for i in np.flatnonzero(~np.asarray(step.terminated)):
-            key = _rows(jax.tree.map(lambda x, i=i: x[i : i + 1], after))[0].tobytes()
+        for i, (key, terminated) in enumerate(zip(keys(after), step.terminated, strict=True)):
+            if terminated:
+                continue
             if key not in index:
                 index[key] = len(index)
                 fresh.append(i)
             successor[i] = index[key]
+        states.append(frontier)
         successors.append(successor.reshape(num, num_actions))
-        goals.append(np.asarray(step.reward > 0).reshape(num, num_actions))
-        frontier = jax.tree.map(lambda x: x[np.array(fresh, int)], after)  # noqa: B023
-        known = jax.tree.map(lambda a, b: np.concatenate([a, b]), known, frontier)
-    return Graph(known, np.concatenate(observations), np.concatenate(successors), np.concatenate(goals))
+        goals.append((step.reward > 0).reshape(num, num_actions))
+        frontier = _at(after, np.array(fresh, int))
+    known = jax.tree.map(lambda *parts: np.concatenate(parts), *states)
+    return Graph(known, observe_all(env, known), np.concatenate(successors), np.concatenate(goals))
 
 
 def steps_to_goal(graph: Graph) -> NDArray[np.int32]:
@@ -97,18 +115,19 @@ def steps_to_goal(graph: Graph) -> NDArray[np.int32]:
 
 def optimal_returns(env: MiniGrid, hosts: Iterable[gymnasium.Env]) -> NDArray[np.float64]:
     """The greatest return from where each of these Farama environments is now, at step 0, with ``env``'s actions."""
-    worlds = [world_of(host) for host in hosts]
-    states = jax.tree.map(lambda *x: np.stack(x), *[state_of(env, world) for world in worlds])
+    states = states_of(env, [world_of(host) for host in hosts])
     graph = reachable(env, states)
-    index = {row.tobytes(): i for i, row in enumerate(_rows(graph.states))}
-    steps = steps_to_goal(graph)[[index[row.tobytes()] for row in _rows(states)]]
+    index = {key: i for i, key in enumerate(keys(graph.states))}
+    steps = steps_to_goal(graph)[[index[key] for key in keys(states)]]
     limit = env.max_episode_steps
     return np.array([1 - 0.9 * (n / limit) if n <= limit else 0.0 for n in steps.tolist()])
 
 
 def observe_all(env: MiniGrid, states: GridState) -> NDArray[np.float32]:
-    """The observation of each of many states."""
-    return np.asarray(jax.jit(jax.vmap(env.observe))(states))
+    """The observation of each of many states, ``[S, F]``."""
+    observe = jax.jit(jax.vmap(env.observe))
+    rows = _batches(len(states.time))
+    return np.concatenate([np.asarray(observe(_at(states, r))) for r in rows])[: len(states.time)]
 
 
 def worlds_of(env: MiniGrid, states: GridState) -> World:
@@ -129,63 +148,71 @@ def worlds_of(env: MiniGrid, states: GridState) -> World:
     return World(flat.reshape(num, height, width)[:, inner, inner], position, states.direction, load)
 
 
-def state_of(env: MiniGrid, world: World) -> GridState:
-    """A world as a state of ours, at time 0: in the grid that differs from it least, the things where it does."""
+def states_of(env: MiniGrid, worlds: Sequence[World]) -> GridState:
+    """Worlds as states of ours (batched), at time 0: in the grid that differs least, the things where it does."""
     grids = env.task.grids()
-    layout = int((grids != world.cells).sum(axis=(1, 2)).argmin())
-    there = np.argwhere(grids[layout] != world.cells)
-    things = [(int(x), int(y), int(world.cells[y, x])) for y, x in there]
-    if world.load:
-        things.append((IN_HAND, IN_HAND, int(world.load)))
-    things.sort(key=lambda thing: thing[2] & -thing[2])  # by object, as the tasks list them
-    table = np.array(things, np.int32).reshape(-1, 3)
-    places = np.where(
-        table[:, 0] == IN_HAND, IN_HAND, env.place(jnp.asarray(table[:, 0]), jnp.asarray(table[:, 1]))
-    )
-    position = env.place(*jnp.asarray(world.position, jnp.int32))
-    numbers = layout, position, world.direction, places, table[:, 2], 0
-    return GridState(*(np.asarray(number, np.int32) for number in numbers))
+    num_draws = jax.ShapeDtypeStruct((env.task.num_draws,), jnp.uint32)
+    num_things = jax.eval_shape(env.task.start, num_draws).things.shape[0]
+    states = []
+    for world in worlds:
+        layout = int((grids != world.cells).sum(axis=(1, 2)).argmin())
+        there = np.argwhere(grids[layout] != world.cells)
+        things = [(env.place(int(x), int(y)), int(world.cells[y, x])) for y, x in there]  # type: ignore[arg-type]
+        things += [(IN_HAND, int(world.load))] if world.load else []
+        things.sort(key=lambda thing: thing[1] & -thing[1])  # by object, as the tasks list them
+        things += things[-1:] * (num_things - len(things))  # FourRooms' goal may lie in a gap
+        places, codes = np.array(things, np.int32).reshape(-1, 2).T
+        position = env.place(*world.position)  # type: ignore[arg-type]
+        numbers = layout, position, world.direction, places, codes, 0
+        states.append(GridState(*(np.asarray(number, np.int32) for number in numbers)))  # type: ignore[arg-type]
+    return jax.tree.map(lambda *x: np.stack(x), *states)
 
 
 def world_of(host: gymnasium.Env) -> World:
     """Read the state of one of Farama's environments."""
     farama: Any = host.unwrapped
-    load = 0 if farama.carrying is None else int(codes_of(np.array(farama.carrying.encode())))
-    cells = codes_of(farama.grid.encode()).T
+    codes = [EMPTY if thing is None else _code(*thing.encode()) for thing in farama.grid.grid]
     return World(
-        cells, np.asarray(farama.agent_pos, np.int32), np.int32(farama.agent_dir), np.asarray(load, np.int32)
+        np.array(codes, np.int32).reshape(farama.height, farama.width),
+        np.array(farama.agent_pos, np.int32),
+        np.array(farama.agent_dir, np.int32),
+        np.array(0 if farama.carrying is None else _code(*farama.carrying.encode()), np.int32),
     )
 
 
 def load_world(host: gymnasium.Env, world: World, time: int = 0) -> None:
     """Write a state into one of Farama's environments, which must have been reset once."""
-    from minigrid.core.world_object import WorldObj
-
     farama: Any = host.unwrapped
-    objects = [
-        None if code is None else WorldObj.decode(*code)
-        for code in map(_triple, world.cells.ravel().tolist())
-    ]
-    farama.grid.grid = objects
+    farama.grid.grid = [_object(code) for code in world.cells.ravel().tolist()]
     farama.agent_pos = tuple(world.position.tolist())
     farama.agent_dir = int(world.direction)
-    farama.carrying = WorldObj.decode(*_triple(int(world.load))) if world.load else None
+    farama.carrying = _object(int(world.load)) if world.load else None
     farama.step_count = time
 
 
-def codes_of(encoded: NDArray) -> NDArray[np.int32]:
-    """Farama's three numbers of a cell, ``[*shape, 3]``, as codes."""
-    starts = [kind.start for kind in KINDS.values()]
-    return (1 << (encoded.astype(np.int32) + np.array(starts, np.int32))).sum(axis=-1).astype(np.int32)
+@lru_cache
+def _code(*encoded: int) -> int:
+    """Farama's three numbers of a cell as a code."""
+    return sum(1 << kind.start + number for kind, number in zip(KINDS.values(), encoded, strict=True))
 
 
-def _triple(code: int) -> tuple[int, int, int]:
-    what, colour, state = (
-        next(i for i, plane in enumerate(kind) if code >> plane & 1) for kind in KINDS.values()
-    )
-    return what, colour, state
+@lru_cache
+def _triple(code: int) -> tuple[int, ...]:
+    return tuple(next(i for i, plane in enumerate(kind) if code >> plane & 1) for kind in KINDS.values())
 
 
+def _object(code: int) -> Any:
+    """An object that may be changed if it is a door, for nobody else has it."""
+    from minigrid.core.world_object import WorldObj
+
+    if code & (PORTABLE | bits("door")):
+        return WorldObj.decode(*_triple(code))
+    if code not in _SCENERY:
+        _SCENERY[code] = WorldObj.decode(*_triple(code))
+    return _SCENERY[code]
+
+
+_SCENERY: dict[int, Any] = {}
 _PROGRAMS: dict[MiniGrid, Any] = {}
 
 
@@ -196,15 +223,23 @@ def _compiled(env: MiniGrid) -> Any:
     return _PROGRAMS[env]
 
 
+def keys(states: GridState) -> list[bytes]:
+    """Something to look each of many states up by; the time does not count."""
+    return [row.tobytes() for row in _rows(states)]
+
+
 def _rows(states: GridState) -> NDArray[np.int32]:
-    """Everything but the time, a row each."""
     columns = [states.layout, states.position, states.direction]
     return np.concatenate([np.stack(columns, axis=1), states.places, states.codes], axis=1)
 
 
 def _unique(states: GridState) -> GridState:
-    _, first = np.unique(_rows(states), axis=0, return_index=True)
-    return jax.tree.map(lambda x: x[first], states)
+    return _at(states, np.unique(_rows(states), axis=0, return_index=True)[1])
 
 
-assert len(OBJECTS) + len(COLOURS) == KINDS["state"].start
+def _at(states: GridState, rows: NDArray) -> GridState:
+    return jax.tree.map(lambda x: x[rows], states)
+
+
+def _batches(num: int) -> NDArray[np.int64]:
+    return np.resize(np.arange(num), -(-num // BATCH) * BATCH).reshape(-1, BATCH)

@@ -9,15 +9,15 @@ place is inside.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float, Float32, Int, Int32, PRNGKeyArray
+from jaxtyping import Bool, Float, Float32, Int, Int32, PRNGKeyArray, Shaped, UInt32
 
 from ...trees.groups import Group
 from ...types import Step
@@ -28,6 +28,8 @@ from .view import View
 
 IN_HAND = -1
 """Where a thing is that the agent carries."""
+MAX_TABLE_SIZE = 7
+"""Up to this view size, how sight spreads in a row is looked up; the table for the next has 2¹⁸ entries."""
 
 
 class GridState(NamedTuple):
@@ -83,11 +85,15 @@ class MiniGrid:
 
     def reset(self, key: PRNGKeyArray) -> tuple[GridState, Float[Array, " features"]]:
         """Start where the task may start."""
-        start = self.task.start(jax.random.bits(key, (self.task.num_draws,), jnp.uint32))
+        state = self.start(jax.random.bits(key, (self.task.num_draws,), jnp.uint32))
+        return state, self.observe(state)
+
+    def start(self, draws: UInt32[Array, " draws"]) -> GridState:
+        """The start that the task makes out of these random integers."""
+        start = self.task.start(draws)
         x, y, codes = start.things[:, 0], start.things[:, 1], start.things[:, 2]
         position = self.place(start.position[0], start.position[1])
-        state = GridState(start.layout, position, start.direction, self.place(x, y), codes, jnp.int32(0))
-        return state, self.observe(state)
+        return GridState(start.layout, position, start.direction, self.place(x, y), codes, jnp.int32(0))
 
     def step(self, key: PRNGKeyArray, state: GridState, action: Int[Array, ""]) -> tuple[GridState, Step]:
         """Turn, walk, or handle what is in front."""
@@ -105,9 +111,10 @@ class MiniGrid:
             codes=codes,
             time=time,
         )
-        reward = jnp.where(walks & _has(front, "goal"), jnp.asarray(self._rewards)[time], 0)
+        limit, rewards = self.max_episode_steps, jnp.asarray(self._rewards)
+        reward = jnp.where(walks & _has(front, "goal"), lookup(rewards, jnp.minimum(time, limit)), 0)
         terminated = walks & _has(front, "goal", "lava")
-        return state, Step(self.observe(state), reward, terminated, time >= self.max_episode_steps)
+        return state, Step(self.observe(state), reward, terminated, time >= limit)
 
     def observe(self, state: GridState) -> Float[Array, " features"]:
         """What the agent sees in this state."""
@@ -157,12 +164,12 @@ class MiniGrid:
     def _stride(self, direction: Int[Array, ""]) -> Int[Array, ""]:
         """How far apart in the padded grid two cells are that follow each other in this direction."""
         width = self._width
-        return jnp.asarray([1, width, -1, -width], jnp.int32)[direction]
+        return lookup(jnp.asarray([1, width, -1, -width], jnp.int32), direction)
 
     def _look(self, state: GridState, places: Int[Array, " n"]) -> Int[Array, " n"]:
         """What is in these places."""
         table = jnp.asarray(self._grids.ravel())
-        found = table[state.layout * self._grids[0].size + places]
+        found = lookup(table, state.layout * self._grids[0].size + places)
         for thing in range(state.places.shape[0]):
             found = jnp.where(places == state.places[thing], state.codes[thing], found)
         return found
@@ -195,28 +202,53 @@ class MiniGrid:
 def visible(opaque: Bool[Array, "size size"]) -> Bool[Array, "size size"]:
     """Which cells of a view are seen from the middle of its lowest row, first axis the column.
 
-    Farama's rule, row by row upwards: sight spreads sideways along a row until something opaque, first to the
-    right, then to the left; from each cell it leaves that way it reaches the cell above and the one above its
-    goal. A row is an integer with a bit for each column here, so that a spread is a shift.
+    Farama's rule, row by row upwards, see `_see_row`.
     """
     size = opaque.shape[0]
-    weights = jnp.asarray(1 << np.arange(size), jnp.int32)[:, None]
-    clear_rows = jnp.sum(jnp.where(opaque, 0, weights), axis=0)
-    everything, first, last = (1 << size) - 1, 1, 1 << (size - 1)
-    seen = jnp.int32(1 << (size // 2))
+    column = jnp.arange(size, dtype=jnp.int32)[:, None]
+    clear_rows = jnp.sum(jnp.where(opaque, 0, 1 << column), axis=0)
+    reached = jnp.int32(1 << (size // 2))
     rows = []
-    for row in reversed(range(size)):
-        clear = clear_rows[row]
-        for _ in range(size - 1):
-            seen |= ((seen & clear) << 1) & everything
-        leaves = seen & clear & ~last
-        above = leaves | leaves << 1
-        for _ in range(size - 1):
-            seen |= (seen & clear) >> 1
-        leaves = seen & clear & ~first
+    for clear in clear_rows[::-1]:
+        if size <= MAX_TABLE_SIZE:
+            seen_and_above = lookup(jnp.asarray(_row_table(size)), reached << size | clear)
+            seen, reached = seen_and_above & ((1 << size) - 1), seen_and_above >> size
+        else:
+            seen, reached = _see_row(reached, clear, size)
         rows.append(seen)
-        seen = above | leaves | leaves >> 1
-    return (jnp.stack(rows[::-1])[None, :] & weights) != 0
+    return (jnp.stack(rows[::-1])[None, :] >> column) & 1 != 0
+
+
+@lru_cache
+def _row_table(size: int) -> Int32[np.ndarray, " entries"]:
+    """`_see_row` for all rows there are, as ``above << size | seen`` at ``reached << size | clear``."""
+    reached, clear = np.divmod(np.arange(1 << 2 * size, dtype=np.int32), np.int32(1 << size))
+    seen, above = _see_row(reached, clear, size)
+    return above << size | seen
+
+
+def _see_row(reached: Any, clear: Any, size: int) -> tuple[Any, Any]:
+    """How sight spreads from the cells of a row reached from below: all the cells seen, and those reached above.
+
+    It goes sideways until something opaque, first to the right, then to the left; from every cell that it leaves
+    that way it reaches the cell above and the one above its goal. A row has a bit for each column, in NumPy's or
+    JAX's integers.
+    """
+    everything, last = (1 << size) - 1, 1 << (size - 1)
+    seen = reached
+    for _ in range(size - 1):
+        seen = seen | ((seen & clear) << 1) & everything
+    leaves = seen & clear & (everything ^ last)
+    above = leaves | leaves << 1
+    for _ in range(size - 1):
+        seen = seen | (seen & clear) >> 1
+    leaves = seen & clear & (everything ^ 1)
+    return seen, above | leaves | leaves >> 1
+
+
+def lookup(table: Shaped[Array, " n"], index: Int[Array, "*m"]) -> Shaped[Array, "*m"]:
+    """Entries of a table at indices that are surely in it."""
+    return table.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def _load(state: GridState) -> Int[Array, ""]:

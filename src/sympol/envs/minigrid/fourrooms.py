@@ -15,6 +15,10 @@ from .task import Start, Task, choice, choice_besides, room
 
 SIZE = 19
 MIDDLE = SIZE // 2
+ROOMS = np.array(
+    [(x, y) for x in range(1, SIZE - 1) for y in range(1, SIZE - 1) if MIDDLE not in (x, y)], np.int32
+)
+"""x and y of the 256 cells within the rooms."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +54,20 @@ class FourRooms(Task):
                 jnp.stack([middle, high + choice(draws[3], MIDDLE - 1)]),
             ]
         )
-        rooms = np.argwhere(self.grids()[0].T == EMPTY).astype(np.int32)  # x, y
-        free = jnp.concatenate([gaps, jnp.asarray(rooms)])
-        agent = choice(draws[4], len(free))
-        goal = choice_besides(draws[5], len(free), agent)
-        places = jnp.concatenate([gaps, free[goal][None]])
+        agent = choice(draws[4], len(gaps) + len(ROOMS))
+        goal = choice_besides(draws[5], len(gaps) + len(ROOMS), agent)
+        places = jnp.concatenate([gaps, _free_cell(gaps, goal)[None]])
         codes = jnp.asarray([EMPTY] * len(gaps) + [GOAL], jnp.int32)
         things = jnp.concatenate([places, codes[:, None]], axis=1)
-        return Start(jnp.int32(0), free[agent], choice(draws[6], 4), things)
+        return Start(jnp.int32(0), _free_cell(gaps, agent), choice(draws[6], 4), things)
+
+
+def _free_cell(gaps: Int32[Array, "4 2"], index: Int32[Array, ""]) -> Int32[Array, " 2"]:
+    """A gap, or a cell of a room."""
+    cell = jnp.asarray(ROOMS)[jnp.maximum(index - len(gaps), 0)]
+    for i, gap in enumerate(gaps):
+        cell = jnp.where(index == i, gap, cell)
+    return cell
 
 
 TASKS = {"MiniGrid-FourRooms-v0": FourRooms()}
