@@ -23,7 +23,8 @@ BELOW: dict[str, set[str]] = {
     "algos": {"types", "functional", "policies", "envs", "trees"},
     "distill": {"types", "functional", "policies", "envs", "trees", "algos"},
     "compilation": set(),
-    "evaluate": {"types", "envs", "trees"},
+    "film": {"types", "envs", "trees"},
+    "evaluate": {"types", "envs", "trees", "film"},
     "runs": {"types", "envs", "trees", "algos"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""

@@ -20,7 +20,7 @@ STARTED = time.perf_counter()
 if TYPE_CHECKING:
     from .agents import PPO, load
     from .envs.registry import register, resolve
-    from .evaluate import evaluate_policy
+    from .evaluate import evaluate_policy, watch
     from .trees import DecisionTree
 
 _HOMES = {
@@ -29,10 +29,11 @@ _HOMES = {
     "register": "envs.registry",
     "resolve": "envs.registry",
     "evaluate_policy": "evaluate",
+    "watch": "evaluate",
     "DecisionTree": "trees",
 }
 
-__all__ = ["PPO", "DecisionTree", "evaluate_policy", "load", "register", "resolve"]
+__all__ = ["PPO", "DecisionTree", "evaluate_policy", "load", "register", "resolve", "watch"]
 
 
 def __getattr__(name: str) -> Any:

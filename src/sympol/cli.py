@@ -1,4 +1,4 @@
-"""``sympol``: train, eval, show, export, resume.
+"""``sympol``: train, show, eval, watch, export, resume.
 
 The commands are thin: each parses its arguments, calls the verbs, and prints.
 """
@@ -15,6 +15,7 @@ sympol: reinforcement learning whose policy is a decision tree you can read
   sympol train CartPole-v1     train a tree; it is shown at the end and kept in a folder, the run
   sympol show RUN              the tree of a run, as text
   sympol eval RUN              play test episodes on Gymnasium
+  sympol watch RUN             a film of an episode, beside it the tree with the way taken lit
   sympol export RUN            the tree as a program: python, json, text, svg, pdf, png
   sympol resume RUN            go on with an interrupted training
 

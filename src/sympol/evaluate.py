@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import gymnasium
 import numpy as np
@@ -12,6 +13,9 @@ from .envs.env import MAX_EPISODE_STEPS
 from .envs.registry import EnvSpec, resolve
 from .trees import DecisionTree
 from .trees.actions import BoxActions
+
+if TYPE_CHECKING:
+    from .film.record import Recording
 
 TEST = 0x7E57
 """Part of every seed used here and of none used in training or validation."""
@@ -42,6 +46,7 @@ def evaluate_policy(
     deterministic: bool = True,
     seed: int = 0,
     return_episode_rewards: bool = False,
+    render: str | PathLike[str] | None = None,
 ) -> Any:
     """Play whole episodes and report the undiscounted return.
 
@@ -52,6 +57,7 @@ def evaluate_policy(
         deterministic: Whether the policy does what it thinks best, or samples.
         seed: Another seed, other episodes. No training or validation uses any of them.
         return_episode_rewards: Return the lists of returns and lengths instead.
+        render: Write a film of the first episode there, as `watch` does.
 
     Returns:
         Mean and standard deviation of the return over the episodes.
@@ -61,6 +67,8 @@ def evaluate_policy(
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     spec = env if isinstance(env, EnvSpec) else resolve(env, backend="host")
+    if render is not None:
+        watch(model, spec, render, seed=seed, deterministic=deterministic)
     if isinstance(model, DecisionTree):
         episodes = play(model, spec, n_eval_episodes, seed=seed, deterministic=deterministic)
     elif hasattr(model, "tree"):
@@ -71,6 +79,79 @@ def evaluate_policy(
     if return_episode_rewards:
         return episodes.returns.tolist(), episodes.lengths.tolist()
     return float(episodes.returns.mean()), float(episodes.returns.std())
+
+
+def watch(
+    model: Policy | DecisionTree,
+    env: str | gymnasium.Env | Callable[..., gymnasium.Env] | EnvSpec | None = None,
+    path: str | PathLike[str] = "episode.gif",
+    *,
+    episodes: int = 1,
+    deterministic: bool = True,
+    seed: int = 0,
+    fps: float | None = None,
+    max_steps: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Recording:
+    """Play test episodes and write a film: the environment, and beside it the tree with the way taken lit.
+
+    The episodes are those of `evaluate_policy` with the same seed. Of long ones every n-th step is shown, so that
+    the file stays small.
+
+    Args:
+        model: An agent, a `DecisionTree`, or anything with ``predict``; without a tree, only what happens is shown.
+        env: What to play on, as in `evaluate_policy`, with a ``render_mode`` "rgb_array"; by default what an agent
+            was trained on.
+        path: What to write: .gif, .webp, or .mp4 (``pip install 'sympol[video]'``).
+        episodes: How many, one after another.
+        deterministic: Whether the policy does what it thinks best, or samples.
+        seed: Another seed, other episodes.
+        fps: Steps a second; by default the environment's own pace, slower where there are few.
+        max_steps: Cut episodes there.
+        progress: Called with what is being done, in words.
+
+    Raises:
+        ValueError: an environment that draws no pictures, or an argument out of bounds.
+        ImportError: .mp4 without a program that writes it.
+        OSError: the file cannot be written.
+    """
+    from .film.record import record
+
+    env = getattr(model, "spec", None) if env is None else env
+    if env is None:
+        raise ValueError("env must be given: only an agent knows by itself what to play on")
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+    spec = env if isinstance(env, EnvSpec) else resolve(env, backend="host")
+    _require_host(spec)
+    has_tree = hasattr(model, "tree")
+    shown = model.tree() if has_tree else model  # pyright: ignore[reportAttributeAccessIssue]
+    acting = model.tree(prune=False) if has_tree else model  # pyright: ignore[reportAttributeAccessIssue]
+    return record(
+        _acts(acting, spec, deterministic, np.random.default_rng([seed, TEST])),
+        spec,
+        [episode_seed(seed, episode) for episode in range(episodes)],
+        path,
+        tree=shown if isinstance(shown, DecisionTree) else None,
+        fps=fps,
+        max_steps=max_steps,
+        progress=progress,
+    )
+
+
+def _acts(
+    model: Policy | DecisionTree, spec: EnvSpec, deterministic: bool, rng: np.random.Generator
+) -> Callable[[Any], Any]:
+    """Return what answers one observation of an environment with an action that it takes."""
+    if not isinstance(model, DecisionTree):
+        return lambda observation: model.predict(observation, deterministic=deterministic)[0]
+
+    def act(observation: Any) -> Any:
+        x = spec.features.flatten(observation)[None]
+        actions = model.predict(x) if deterministic else sample_actions(model, x, rng)
+        return fitted_actions(actions, spec.action_space)[0]
+
+    return act
 
 
 def play(

@@ -20,7 +20,7 @@ from ..envs.registry import Backend
 
 Text = tyro.conf.Positional[str]
 Folder = tyro.conf.Positional[Path]
-Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export")
+Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export", "Watch")
 
 
 @dataclass
@@ -100,6 +100,29 @@ class Show:
 
     run: Folder
     """The run's folder."""
+
+
+@dataclass
+class Watch:
+    """A film of test episodes on Gymnasium: what happens, and beside it the tree with the way taken lit."""
+
+    run: Folder
+    """The run's folder."""
+
+    episodes: int = 1
+    """How many, one after another."""
+
+    seed: int = 7
+    """Another seed, other episodes; they are those of sympol eval."""
+
+    out: Path | None = None
+    """What to write: .gif, .webp, or .mp4; RUN/episode.gif by default."""
+
+    fps: float | None = None
+    """Steps a second; by default the environment's own pace, slower where there are few."""
+
+    max_steps: int | None = None
+    """Cut episodes there."""
 
 
 @dataclass

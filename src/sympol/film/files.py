@@ -1,0 +1,153 @@
+"""Moving pictures as files: GIF, WebP, MP4."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+_PALETTE_FROM = 24
+"""Pictures from which the colours of a GIF are chosen."""
+_COLOURS, _EXACT_COLOURS = 255, 64
+
+
+class NoCodec(ImportError):
+    """Films need a program that is not installed; the message has the command that installs it."""
+
+
+def check(path: Path) -> None:
+    """Refuse, before anything is played, what could not be written after it.
+
+    Raises:
+        ValueError: no format is written under this name.
+        NoCodec: .mp4 without ffmpeg.
+        OSError: the folder does not exist.
+    """
+    if path.suffix.lower() not in _WRITERS:
+        raise ValueError(f"a film is saved as {', '.join(_WRITERS)}, got {str(path)!r}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {path.parent}")
+    if path.suffix.lower() == ".mp4":
+        _ffmpeg()
+
+
+def write(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequence[int]) -> int:
+    """Write pictures of one size, each shown for some time; return the size of the file.
+
+    The file is whole or not there. The same pictures are the same file, except for MP4s of different encoders.
+    """
+    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
+    try:
+        _WRITERS[path.suffix.lower()](temporary, pictures, milliseconds)
+        size = temporary.stat().st_size
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return size
+
+
+def _write_gif(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequence[int]) -> None:
+    palette = _palette(pictures)
+    carrier = Image.new("P", (1, 1))
+    carrier.putpalette(bytes(sum(palette, ())))
+    first, *rest = (p.quantize(palette=carrier, dither=Image.Dither.NONE) for p in pictures)
+    # times are written in hundredths of a second, and viewers take less than two of them for a mistake
+    times = [max(20, round(time / 10) * 10) for time in milliseconds]
+    first.save(
+        path,
+        "GIF",
+        save_all=True,
+        append_images=rest,
+        duration=times,
+        loop=0,
+        disposal=1,
+        palette=bytes(sum(palette, ())),
+        transparency=len(palette) - 1,
+        optimize=True,  # what stays as it was is written as transparent
+    )
+
+
+def _palette(pictures: Sequence[Image.Image]) -> list[tuple[int, ...]]:
+    """Choose the colours of all pictures: a palette a picture would be larger, and flicker.
+
+    Those that fill most of them are kept exactly, white above all. The last one is none of the pictures'.
+    """
+    chosen = range(0, len(pictures), -(-len(pictures) // _PALETTE_FROM))
+    width, height = pictures[0].size
+    sheet = Image.new("RGB", (width, height * len(chosen)))
+    for i, which in enumerate(chosen):
+        sheet.paste(pictures[which], (0, i * height))
+    counted: Any = sheet.getcolors(2**24)
+    exact = [colour for _, colour in sorted(counted, reverse=True)[:_EXACT_COLOURS]]
+    rest = sheet.quantize(_COLOURS - len(exact), Image.Quantize.MEDIANCUT).getpalette() or []
+    others = list(zip(rest[::3], rest[1::3], rest[2::3], strict=True))
+    palette: list[tuple[int, ...]] = []
+    for colour in (*exact, *others):
+        # Pillow looks colours up by their first six bits: of two that share them it may take the wrong one
+        if all(max(abs(a - b) for a, b in zip(colour, kept, strict=True)) > 8 for kept in palette):
+            palette.append(colour)
+    return [*palette, next((0, i, 255) for i in range(256) if (0, i, 255) not in palette)]
+
+
+def _write_webp(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequence[int]) -> None:
+    first, *rest = pictures
+    first.save(
+        path,
+        "WEBP",
+        save_all=True,
+        append_images=rest,
+        duration=list(milliseconds),
+        loop=0,
+        quality=75,
+        method=3,
+    )
+
+
+def _write_mp4(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequence[int]) -> None:
+    # a constant rate plays everywhere: what is shown longer is there more than once
+    tick = min(milliseconds)
+    width, height = pictures[0].size
+    source = f"-f rawvideo -pix_fmt rgb24 -video_size {width}x{height} -framerate {1000 / tick:.4f} -i pipe:0"
+    coded = (
+        "-an -c:v libx264 -crf 20 -pix_fmt yuv420p -movflags +faststart -fflags +bitexact -flags:v +bitexact"
+    )
+    command = [_ffmpeg(), "-y", "-loglevel", "error", *source.split(), *coded.split(), str(path)]
+    with tempfile.TemporaryFile() as said:
+        running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
+        with contextlib.suppress(BrokenPipeError), running:  # if it breaks, it says why below
+            assert running.stdin is not None
+            for picture, time in zip(pictures, milliseconds, strict=True):
+                running.stdin.write(picture.tobytes() * max(1, round(time / tick)))
+        if running.returncode:
+            said.seek(0)
+            words = said.read().decode(errors="replace").strip()
+            raise OSError(f"ffmpeg could not write {path.name}: {words}")
+
+
+def _ffmpeg() -> str:
+    """Find the user's own ffmpeg, or the one that the package imageio-ffmpeg brings."""
+    if (program := shutil.which("ffmpeg")) is not None:
+        return program
+    try:
+        import imageio_ffmpeg
+
+        return imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:
+        raise NoCodec(
+            "an .mp4 needs ffmpeg, which is not installed; install it: pip install 'sympol[video]', or choose a "
+            ".gif or .webp"
+        ) from error
+
+
+_WRITERS: dict[str, Callable[[Path, Sequence[Image.Image], Sequence[int]], None]] = {
+    ".gif": _write_gif,
+    ".webp": _write_webp,
+    ".mp4": _write_mp4,
+}

@@ -1,0 +1,173 @@
+"""Play episodes and keep what they look like."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium
+from PIL import Image
+
+from ..envs.env import MAX_EPISODE_STEPS
+from ..envs.registry import EnvSpec
+from ..trees import DecisionTree
+from .files import check, write
+from .rendering import frame_of, rendering
+from .screen import Screen, Shot, env_picture
+
+MOST_FRAMES = 300
+"""Of longer films every second step is left out, or three of four, …"""
+MOST_BYTES = 5_000_000
+"""Of a GIF or WebP, idem: what a README or a mail can hold."""
+MOST_EPISODES = 100
+_FPS, _SLOWEST_FPS, _SECONDS = 30.0, 2.0, 8.0
+_HOLD = 1500  # milliseconds
+
+
+class Recording(NamedTuple):
+    """A film, and the episodes in it."""
+
+    path: Path
+    returns: list[float]
+    lengths: list[int]
+    frames: int
+    stride: int
+    """Every how many steps there is a frame."""
+    size: int
+    """Bytes."""
+
+
+def record(
+    act: Callable[[Any], Any],
+    spec: EnvSpec,
+    seeds: Sequence[int],
+    path: str | PathLike[str],
+    *,
+    tree: DecisionTree | None = None,
+    fps: float | None = None,
+    max_steps: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Recording:
+    """Play an episode a seed with what ``act`` answers to each observation, and write the film.
+
+    Args:
+        act: From an observation of the environment to an action that it takes.
+        spec: The environment; ``make_host`` must be there.
+        seeds: One an episode.
+        path: .gif, .webp or .mp4.
+        tree: What to show beside the environment, the way of each observation lit.
+        fps: Steps a second. By default the environment's own pace, at most 30, and slower where an episode is
+            so short that one could not follow.
+        max_steps: Cut episodes there.
+        progress: Told what is being done.
+
+    Raises:
+        ValueError: an argument out of bounds, or an environment that draws no pictures.
+        ImportError: .mp4 without ffmpeg.
+        OSError: the file cannot be written.
+    """
+    path, tell = Path(path), progress or (lambda words: None)
+    _check(seeds, fps, max_steps)
+    check(path)
+    film = _Film()
+    with rendering(spec) as env:
+        own_fps = float(env.metadata.get("render_fps") or _FPS)
+        ended = []
+        for episode, seed in enumerate(seeds):
+            number = f"episode {episode + 1}/{len(seeds)}   " if len(seeds) > 1 else ""
+            ended.append(_play(act, spec, env, seed, film, tree, max_steps, number, tell))
+    returns, lengths = [total for total, _ in ended], [steps for _, steps in ended]
+    if fps is None:
+        fps = min(own_fps, _FPS, max(_SLOWEST_FPS, sum(lengths) / _SECONDS))
+    screen = Screen(film.shots[0].frame.size, tree)
+    while True:
+        times = [_HOLD if shot.is_last else round(1000 * film.stride / fps) for shot in film.shots]
+        frames, stride = len(film.shots), film.stride
+        size = write(path, _Drawn(screen, film.shots, tell), times)
+        if path.suffix.lower() == ".mp4" or size <= MOST_BYTES or not film.thin():
+            return Recording(path, returns, lengths, frames, stride, size)
+        while size / frames * len(film.shots) > MOST_BYTES and film.thin():
+            pass
+
+
+def _check(seeds: Sequence[int], fps: float | None, max_steps: int | None) -> None:
+    if not 1 <= len(seeds) <= MOST_EPISODES:
+        raise ValueError(f"episodes must be between 1 and {MOST_EPISODES} in one film, got {len(seeds)}")
+    if fps is not None and not 0.1 <= fps <= 50:
+        raise ValueError(f"fps must be between 0.1 and 50, got {fps}; viewers of GIFs know no faster ones")
+    if max_steps is not None and max_steps < 1:
+        raise ValueError(f"max_steps must be at least 1, got {max_steps}")
+
+
+class _Film:
+    """Shots of every ``stride`` steps, and of every episode's end; more steps make the stride longer."""
+
+    def __init__(self) -> None:
+        self.shots: list[Shot] = []
+        self.stride = 1
+
+    def wants(self, step: int) -> bool:
+        return step % self.stride == 0
+
+    def add(self, shot: Shot) -> None:
+        self.shots.append(shot)
+        if len(self.shots) > MOST_FRAMES:
+            self.thin()
+
+    def thin(self) -> bool:
+        """Leave out every second shot; return whether there was one to leave out."""
+        before, self.stride = len(self.shots), 2 * self.stride
+        self.shots = [shot for shot in self.shots if shot.is_last or self.wants(shot.step)]
+        return len(self.shots) < before
+
+
+class _Drawn(Sequence[Image.Image]):
+    """Pictures drawn when they are asked for: all of them at once would fill the memory."""
+
+    def __init__(self, screen: Screen, shots: Sequence[Shot], tell: Callable[[str], None]) -> None:
+        self._screen, self._shots, self._tell = screen, shots, tell
+
+    def __len__(self) -> int:
+        return len(self._shots)
+
+    def __getitem__(self, index: Any) -> Any:
+        self._tell(f"drawing frame {index + 1:,} of {len(self):,}")
+        return self._screen.draw(self._shots[index])
+
+
+def _play(
+    act: Callable[[Any], Any],
+    spec: EnvSpec,
+    env: gymnasium.Env,
+    seed: int,
+    film: _Film,
+    tree: DecisionTree | None,
+    max_steps: int | None,
+    number: str,
+    tell: Callable[[str], None],
+) -> tuple[float, int]:
+    """Play one episode; return its return and its length."""
+    observation, _ = env.reset(seed=seed)
+    limit = min(max_steps or MAX_EPISODE_STEPS, spec.max_episode_steps or MAX_EPISODE_STEPS)
+    total, step, end = 0.0, 0, ""
+    while not end:
+        action = act(observation)
+        if film.wants(step):
+            does = ", ".join(spec.actions.words(action, digits=3))
+            x = None if tree is None else spec.features.flatten(observation)
+            picture = env_picture(frame_of(env, spec))
+            film.add(Shot(picture, x, f"{number}step {step + 1}   {does}", _earned(total), step))
+            tell(f"{number}playing step {step + 1:,}")
+        observation, reward, terminated, truncated, _ = env.step(action)
+        total, step = total + float(reward), step + 1
+        if terminated or truncated or step >= limit:
+            end = "terminated" if terminated else "truncated" if truncated else "stopped"
+    said = f"{number}{end} after {step} step{'s' if step > 1 else ''}"
+    film.add(Shot(env_picture(frame_of(env, spec)), None, said, _earned(total), step, is_last=True))
+    return total, step
+
+
+def _earned(total: float) -> str:
+    return f"return {total:,.2f}"

@@ -1,0 +1,111 @@
+"""One picture of a film: the environment on the left, the tree on the right, a line of words below."""
+
+from __future__ import annotations
+
+import io
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from ..trees import DecisionTree
+from ..trees.floats import printable
+
+# pixels
+_ENV, _TREE = (480, 480), (680, 600)
+_SMALLEST_ENV = 240
+_MARGIN, _CAPTION, _FONT_SIZE = 12, 34, 17
+_MOST_DPI = 92.0
+_PAPER, _INK = "#FFFFFF", "#222222"
+
+
+class Shot(NamedTuple):
+    """What one picture shows."""
+
+    frame: Image.Image
+    """The environment, as large as `env_picture` makes it."""
+    observation: np.ndarray | None
+    """What the tree is asked, [features]; None for the whole tree."""
+    said: str
+    """Below on the left."""
+    earned: str
+    """Below on the right."""
+    step: int
+    is_last: bool = False
+    """Of its episode."""
+
+
+def env_picture(frame: Image.Image) -> Image.Image:
+    """Resize a frame of an environment: small ones by a whole number, so that pixels stay squares."""
+    width, height = frame.size
+    if max(width, height) <= _SMALLEST_ENV:
+        times = -(-_SMALLEST_ENV // max(width, height))
+        return frame.resize((width * times, height * times), Image.Resampling.NEAREST)
+    scale = min(1.0, _ENV[0] / width, _ENV[1] / height)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    return frame if scale == 1 else frame.resize(size, Image.Resampling.HAMMING)
+
+
+class Screen:
+    """Draws shots of one size.
+
+    The tree is drawn once a leaf: an episode comes by few of them again and again.
+    """
+
+    def __init__(self, env_size: tuple[int, int], tree: DecisionTree | None) -> None:
+        self._env_size, self._tree = env_size, tree
+        self._pictures: dict[int, Image.Image] = {}
+        tree_size = self._tree_picture(None).size if tree is not None else (0, 0)
+        width = env_size[0] + 2 * _MARGIN + (tree_size[0] + _MARGIN if tree is not None else 0)
+        # room for the words where the environment is narrow
+        width, height = max(width, 360), max(env_size[1], tree_size[1]) + 2 * _MARGIN + _CAPTION
+        self.size = width + width % 2, height + height % 2  # films in colour are made of blocks of 2 × 2
+
+    def draw(self, shot: Shot) -> Image.Image:
+        """Draw one shot."""
+        picture = Image.new("RGB", self.size, _PAPER)
+        width, height = self.size
+        body = height - _CAPTION
+        tree = self._tree_picture(shot.observation) if self._tree is not None else None
+        frame = shot.frame if shot.frame.size == self._env_size else shot.frame.resize(self._env_size)
+        left = _MARGIN if tree is not None else (width - frame.width) // 2
+        picture.paste(frame, (left, (body - frame.height) // 2))
+        if tree is not None:
+            picture.paste(tree, (2 * _MARGIN + frame.width, (body - tree.height) // 2))
+        self._write(picture, shot)
+        return picture
+
+    def _write(self, picture: Image.Image, shot: Shot) -> None:
+        draw, (width, height) = ImageDraw.Draw(picture), self.size
+        y = height - _MARGIN - _CAPTION // 4
+        earned = self._fitting(shot.earned, width // 2)
+        room = width - 3 * _MARGIN - self._font.getlength(earned)
+        draw.text((_MARGIN, y), self._fitting(shot.said, room), _INK, self._font, anchor="lm")
+        draw.text((width - _MARGIN, y), earned, _INK, self._font, anchor="rm")
+
+    def _fitting(self, words: str, width: float) -> str:
+        words = printable(words)[:200]
+        while len(words) > 1 and self._font.getlength(words) > width:
+            words = words[:-2] + "…"
+        return words
+
+    @cached_property
+    def _font(self) -> ImageFont.FreeTypeFont:
+        import matplotlib
+
+        font = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+        return ImageFont.truetype(str(font), _FONT_SIZE, layout_engine=ImageFont.Layout.BASIC)
+
+    def _tree_picture(self, observation: np.ndarray | None) -> Image.Image:
+        tree = self._tree
+        assert tree is not None
+        leaf = -1 if observation is None else int(tree.apply(observation))
+        if leaf not in self._pictures:
+            figure = tree.plot(highlight=observation)
+            inches = figure.get_size_inches()
+            png = io.BytesIO()
+            figure.savefig(png, format="png", dpi=float(min(_MOST_DPI, *(np.array(_TREE) / inches))))
+            self._pictures[leaf] = Image.open(png).convert("RGB")
+        return self._pictures[leaf]
