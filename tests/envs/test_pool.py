@@ -9,7 +9,6 @@ from typing import Any
 import envpool  # noqa: F401  (without it there is nothing to test, and CI must not pass)
 import numpy as np
 import pytest
-from gymnasium.envs.box2d.lunar_lander import LunarLander
 
 from sympol.envs import pool
 from sympol.envs.host import EnvironmentFailure, HostEnvs
@@ -153,7 +152,7 @@ def test_it_is_taken_where_it_is_installed(name, monkeypatch):
     spec = resolve(name)
     assert (spec.backend, spec.env) == ("envpool", None)
     assert isinstance(spec.host_envs(2), PoolEnvs)
-    assert isinstance(spec.make_host().unwrapped, LunarLander)  # for the evaluation
+    assert type(spec.make_host().unwrapped).__name__ == "LunarLander"  # for the evaluation
     assert resolve(name, backend="envpool").backend == "envpool"
     host = resolve(name, backend="host")
     assert host.backend == "host"

@@ -35,7 +35,9 @@ def newest(run: Path) -> int:
 
 
 @pytest.fixture(
-    scope="module", params=["CartPole-v1", "tests.runs.host_envs:HostCartPole-v0"], ids=["jax", "host"]
+    scope="module",
+    params=["CartPole-v1", "tests.runs.host_envs:HostCartPole-v0", "LunarLander-v3"],
+    ids=["jax", "host", "envpool"],
 )
 def uninterrupted(request, tmp_path_factory) -> tuple[str, Path]:
     run = tmp_path_factory.mktemp("uninterrupted") / "run"

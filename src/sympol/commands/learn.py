@@ -14,8 +14,8 @@ from typing import Any
 
 from .. import STARTED
 from ..agents import PPO, Report
+from ..envs import pool
 from ..envs.host import EnvironmentFailure
-from ..envs.pool import TASKS, is_installed
 from ..envs.registry import EnvSpec
 from ..evaluate import play
 from ..runs.folder import Run, versions
@@ -80,7 +80,7 @@ def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboar
 
 
 def _through(spec: EnvSpec) -> str:
-    if spec.backend == "host" and spec.name in TASKS and not is_installed():
+    if spec.backend == "host" and spec.name in pool.TASKS and not (spec.env_kwargs or pool.is_installed()):
         return "through Gymnasium (pip install 'sympol[envpool]' trains faster)"
     return {"jax": "inside one compiled program", "envpool": "through envpool"}.get(
         spec.backend, "through Gymnasium"

@@ -1,0 +1,116 @@
+"""Training through envpool: the same update as for Gymnasium, fed by another host."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import envpool  # noqa: F401  (without it there is nothing to test, and CI must not pass)
+import numpy as np
+import pytest
+
+import sympol
+from sympol.algos.collect_host import HostCollector
+from sympol.algos.config import PPOConfig
+from sympol.algos.train import HostTrainer
+from sympol.envs import pool
+from sympol.envs.registry import MissingExtra, resolve
+from sympol.policies.distributions import distribution_of
+from sympol.runs.folder import Run
+from tests.algos.test_host_training import assert_same_bits, train
+from tests.tiny import TINY, agent, flags, quick_compiles, status_of
+
+__all__ = ["quick_compiles"]
+
+TASK, CONTINUOUS = "LunarLander-v3", "LunarLanderContinuous-v3"
+CONFIG = PPOConfig(**TINY)
+
+
+@pytest.fixture(scope="module")
+def through_pool() -> sympol.PPO:
+    return agent(TASK).learn(progress_bar=False)
+
+
+def test_it_trains_through_envpool(through_pool):
+    assert through_pool.spec.backend == "envpool"
+    assert through_pool.num_timesteps >= 2048
+    begun = HostTrainer(through_pool.spec, CONFIG, 0)._begin(CONFIG.hyperparameters(), np.uint32(0))
+    assert np.all(
+        np.asarray(begun.networks.actor.leaf_values) != through_pool.state.networks.actor.leaf_values
+    )
+
+
+def test_same_seed_same_bits(through_pool):
+    assert_same_bits(agent(TASK).learn(progress_bar=False).state, through_pool.state)
+
+
+def test_loaded_in_between_it_goes_on_to_the_same_tree(through_pool, tmp_path):
+    stopped = agent(TASK).learn(progress_bar=False, callback=lambda report: report.timestep < 1000)
+    assert 0 < stopped.num_timesteps < 2048
+    stopped.save(tmp_path / "run")
+    loaded = sympol.load(tmp_path / "run")
+    assert loaded.spec.backend == "envpool"
+    loaded.learn(progress_bar=False)
+    assert loaded.tree().to_json() == through_pool.tree().to_json()
+    assert_same_bits(loaded.state, through_pool.state)
+
+
+def test_continuous_actions():
+    spec = resolve(CONTINUOUS)
+    first = train(spec, [512, 1024], config=CONFIG)
+    assert_same_bits(train(spec, [512, 1024], config=CONFIG), first)
+    assert np.isfinite(float(first.validation.last_return))
+
+
+def test_validation_is_the_return_of_the_deterministic_tree():
+    """Worked out here from the tree and the copies, episode by episode, none of them cut and none counted twice."""
+    spec = resolve(TASK)
+    trainer = HostTrainer(spec, CONFIG, 0)
+    state: Any = trainer.advance(None, 64)
+    collector = HostCollector(spec, distribution_of(spec.action_space), CONFIG)
+    seeds: list[int] = []
+    envs: Any = collector._envs
+    reset, envs.reset = envs.reset, lambda seed: seeds.append(seed) or reset(seed)
+    score = collector.validate(state, 0)
+    policy = state.networks.actor.rollout()
+    observation, total, alive = reset(seeds[0]), 0.0, np.ones(CONFIG.num_envs, bool)
+    while alive.any():
+        outputs = np.asarray(policy(state.normalizer(observation)))
+        step, observation = envs.step(np.argmax(outputs, axis=1).astype(np.int32))
+        total += float(step.reward[alive].astype(np.float64).sum())
+        alive &= ~(step.terminated | step.truncated)
+    assert CONFIG.num_eval_episodes == CONFIG.num_envs
+    np.testing.assert_allclose(score, total / CONFIG.num_envs, rtol=1e-6)
+    trainer.close()
+    collector.close()
+
+
+def test_the_output_and_the_folder_say_how(tmp_path, capsys, monkeypatch):
+    for installed, how in (
+        (True, "through envpool"),
+        (False, "through Gymnasium (pip install 'sympol[envpool]'"),
+    ):
+        monkeypatch.setattr(pool, "is_installed", lambda installed=installed: installed)
+        run = tmp_path / f"run{installed}"
+        assert status_of("train", TASK, "--eval-episodes", "1", *flags(), "--run-dir", run) == 0
+        assert how in " ".join(capsys.readouterr().err.split())
+        assert Run.open(run).about["backend"] == ("envpool" if installed else "host")
+
+
+def test_where_envpool_is_missing_a_run_can_be_read_but_not_continued(tmp_path, monkeypatch):
+    stopped = agent(TASK).learn(progress_bar=False, callback=lambda report: False)
+    stopped.save(tmp_path / "run")
+    monkeypatch.setattr(pool, "is_installed", lambda: False)
+    loaded = sympol.load(tmp_path / "run")
+    assert loaded.predict(np.zeros(8, np.float32))[0] == stopped.predict(np.zeros(8, np.float32))[0]
+    sympol.evaluate_policy(loaded.tree(), loaded.spec, 2)
+    with pytest.raises(MissingExtra, match=r"pip install 'sympol\[envpool\]'"):
+        loaded.learn(progress_bar=False)
+    assert loaded.num_timesteps == stopped.num_timesteps
+
+
+def test_it_closes_what_it_opened(through_pool):
+    threads = Path("/proc/self/task")
+    before = len(list(threads.iterdir()))
+    agent(TASK).learn(progress_bar=False)
+    assert len(list(threads.iterdir())) <= before + 2
