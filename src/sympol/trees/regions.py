@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
     from .tree import DecisionTree
@@ -38,57 +38,64 @@ class Region:
         # x is known to be NaN or greater than `above`, and, unless that is infinite, at most `most`
         self.above = [math.nextafter(bound, -math.inf) for bound in low]
         self.most = high
-        # the categories that are left, a bit each: 1 for the first category of a group, 2 for the second, …
-        self.left_of_group = [_possible(group.features, low, high) for group in tree.groups]
-        self._bit = {
-            feature: (which, 1 << i)
-            for which, group in enumerate(tree.groups)
-            for i, feature in enumerate(group.features)
-        }
-        self._before: list[tuple[list[Any], int, Any]] = []
+        # of each group which features can be the 1, how many these are, and which one it is, once that was said
+        self.can_be_one = [False] * tree.n_features
+        self.n_possible = [0] * len(tree.groups)
+        self.chosen: list[int | None] = [None] * len(tree.groups)
+        self._group_of: dict[int, int] = {}
+        for which, group in enumerate(tree.groups):
+            self._group_of |= dict.fromkeys(group.features, which)
+            possible = _possible(group.features, low, high)
+            self.n_possible[which] = len(possible)
+            for feature in possible:
+                self.can_be_one[feature] = True
+        self._entered: list[tuple[int, Way, float]] = []
 
     def way(self, feature: int, threshold: float) -> Way | None:
         """Return the side to which all these observations go, or None where some go to each."""
-        if (group_bit := self._bit.get(feature)) is None:
+        if (group := self._group_of.get(feature)) is None:
             if threshold <= self.above[feature]:
                 return "right"
             return "left" if self.most[feature] <= threshold else None
         if not 0 <= threshold < 1:
             return "right" if threshold < 0 else "left"
-        group, bit = group_bit
-        if not (left := self.left_of_group[group]) & bit:
+        if (chosen := self.chosen[group]) is not None:
+            return "right" if chosen == feature else "left"
+        if not self.can_be_one[feature]:
             return "left"
-        return "right" if left == bit else None
+        return "right" if self.n_possible[group] == 1 else None
 
     def enter(self, feature: int, threshold: float, way: Way) -> None:
-        """Keep only the observations that go this way at this split."""
-        if group_bit := self._bit.get(feature):
-            group, bit = group_bit
-            left = self.left_of_group[group]
-            self._before.append((self.left_of_group, group, left))
-            self.left_of_group[group] = left & ~bit if way == "left" else bit
-        else:
-            ends = self.most if way == "left" else self.above
-            self._before.append((ends, feature, ends[feature]))
+        """Keep only the observations that go this way at this split, on which some do and some do not."""
+        ends = self.most if way == "left" else self.above
+        self._entered.append((feature, way, ends[feature]))
+        if (group := self._group_of.get(feature)) is None:
             ends[feature] = threshold
+        elif way == "right":
+            self.chosen[group] = feature
+        else:
+            self.can_be_one[feature] = False
+            self.n_possible[group] -= 1
 
     @property
     def depth(self) -> int:
         """How many sides were entered and not left."""
-        return len(self._before)
+        return len(self._entered)
 
     def leave(self) -> None:
         """Forget the side entered last."""
-        known, where, before = self._before.pop()
-        known[where] = before
+        feature, way, end = self._entered.pop()
+        (self.most if way == "left" else self.above)[feature] = end
+        if (group := self._group_of.get(feature)) is not None and way == "right":
+            self.chosen[group] = None
+        elif group is not None:
+            self.can_be_one[feature] = True
+            self.n_possible[group] += 1
 
 
-def _possible(features: Sequence[int], low: list[float], high: list[float]) -> int:
-    """Return the categories, a bit each, whose one-hot is within the bounds; all where none is."""
-    everything = (1 << len(features)) - 1
-    can_be_one = sum(1 << i for i, feature in enumerate(features) if low[feature] <= 1 <= high[feature])
-    # one that cannot be 0 is the category, and two that cannot leave none
-    must_be_one = [1 << i for i, feature in enumerate(features) if not low[feature] <= 0 <= high[feature]]
-    for bit in must_be_one:
-        can_be_one &= bit
-    return can_be_one or everything
+def _possible(features: Sequence[int], low: list[float], high: list[float]) -> Sequence[int]:
+    """Return the features that can be the 1 of their group within the bounds; all of them where none can."""
+    # one that cannot be 0 is the 1, and two that cannot leave none
+    not_zero = [feature for feature in features if not low[feature] <= 0 <= high[feature]]
+    candidates = [f for f in features if low[f] <= 1 <= high[f] and all(f == other for other in not_zero[:2])]
+    return candidates or features

@@ -20,7 +20,8 @@ def to_sklearn(tree: DecisionTree) -> DecisionTreeClassifier | DecisionTreeRegre
 
     Discrete actions make a classifier, several components a classifier with several outputs, continuous
     actions a regressor of the clipped mean, flat in C order. scikit-learn returns one output as [batch],
-    without an axis for it, and continuous actions as float64. It refuses infinite observations.
+    without an axis for it, and continuous actions as float64. It refuses infinite observations; those in which
+    a group is not one-hot, which the tree refuses, it answers.
 
     Raises:
         ImportError: if scikit-learn is not installed.
