@@ -145,7 +145,8 @@ def worlds_of(env: MiniGrid, states: GridState) -> World:
     inner = slice(env._padding, -env._padding)
     y, x = np.divmod(states.position, width)
     position = np.stack([x, y], axis=1) - env._padding
-    return World(flat.reshape(num, height, width)[:, inner, inner], position, states.direction, load)
+    direction = np.asarray(states.direction)
+    return World(flat.reshape(num, height, width)[:, inner, inner], position, direction, load)
 
 
 def states_of(env: MiniGrid, worlds: Sequence[World]) -> GridState:

@@ -207,43 +207,48 @@ def visible(opaque: Bool[Array, "size size"]) -> Bool[Array, "size size"]:
     size = opaque.shape[0]
     column = jnp.arange(size, dtype=jnp.int32)[:, None]
     clear_rows = jnp.sum(jnp.where(opaque, 0, 1 << column), axis=0)
-    reached = jnp.int32(1 << (size // 2))
-    rows = []
-    for clear in clear_rows[::-1]:
-        if size <= MAX_TABLE_SIZE:
-            seen_and_above = lookup(jnp.asarray(_row_table(size)), reached << size | clear)
-            seen, reached = seen_and_above & ((1 << size) - 1), seen_and_above >> size
-        else:
-            seen, reached = _see_row(reached, clear, size)
-        rows.append(seen)
-    return (jnp.stack(rows[::-1])[None, :] >> column) & 1 != 0
+    is_looked_up = size <= MAX_TABLE_SIZE
+
+    def see_row(reached: Int[Array, ""], clear: Int[Array, ""]) -> tuple[Int[Array, ""], Int[Array, ""]]:
+        if not is_looked_up:
+            return _see_row(reached, clear, size)
+        found = lookup(jnp.asarray(_row_table(size)), reached << size | clear)
+        return found >> size, found & ((1 << size) - 1)
+
+    start = jnp.int32(1 << (size // 2))
+    _, rows = jax.lax.scan(see_row, start, clear_rows, reverse=True, unroll=is_looked_up)
+    return (rows[None, :] >> column) & 1 != 0
 
 
 @lru_cache
 def _row_table(size: int) -> Int32[np.ndarray, " entries"]:
     """`_see_row` for all rows there are, as ``above << size | seen`` at ``reached << size | clear``."""
     reached, clear = np.divmod(np.arange(1 << 2 * size, dtype=np.int32), np.int32(1 << size))
-    seen, above = _see_row(reached, clear, size)
+    above, seen = _see_row(reached, clear, size)
     return above << size | seen
 
 
 def _see_row(reached: Any, clear: Any, size: int) -> tuple[Any, Any]:
-    """How sight spreads from the cells of a row reached from below: all the cells seen, and those reached above.
+    """How sight spreads from the cells of a row reached from below: those reached above, and all that are seen.
 
     It goes sideways until something opaque, first to the right, then to the left; from every cell that it leaves
     that way it reaches the cell above and the one above its goal. A row has a bit for each column, in NumPy's or
     JAX's integers.
     """
-    everything, last = (1 << size) - 1, 1 << (size - 1)
-    seen = reached
-    for _ in range(size - 1):
-        seen = seen | ((seen & clear) << 1) & everything
-    leaves = seen & clear & (everything ^ last)
+    seen, everything = reached, (1 << size) - 1
+    distances = [1 << i for i in range((size - 1).bit_length())]
+    way = clear << 1 & everything  # into which cell one comes from its left
+    for distance in distances:  # twice as far each time
+        seen = seen | way & seen << distance
+        way = way & way << distance
+    leaves = seen & clear & everything >> 1
     above = leaves | leaves << 1
-    for _ in range(size - 1):
-        seen = seen | (seen & clear) >> 1
-    leaves = seen & clear & (everything ^ 1)
-    return seen, above | leaves | leaves >> 1
+    way = clear >> 1
+    for distance in distances:
+        seen = seen | way & seen >> distance
+        way = way & way >> distance
+    leaves = seen & clear & ~1
+    return above | leaves | leaves >> 1, seen
 
 
 def lookup(table: Shaped[Array, " n"], index: Int[Array, "*m"]) -> Shaped[Array, "*m"]:
