@@ -49,7 +49,8 @@ class Train:
     """What to make the environment with, such as view_size=5 or continuous=true."""
 
     backend: Backend = "auto"
-    """jax: inside the compiled program; host: through Gymnasium; auto: jax where there is one."""
+    """jax: inside the compiled program; envpool: through envpool; host: through Gymnasium; auto: the first of
+    these that there is."""
 
     eval_episodes: int = 20
     """Test episodes on Gymnasium at the end."""

@@ -284,7 +284,8 @@ def _is_run(config_file: Path) -> bool:
 def versions() -> dict[str, str]:
     """Of everything that a result may depend on."""
     found = {"python": platform.python_version(), "sympol": __version__}
-    for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy"):
+    some = ("envpool",) if pool.is_installed() else ()
+    for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy", *some):
         try:
             found[package] = version(package)
         except PackageNotFoundError:  # pragma: no cover
