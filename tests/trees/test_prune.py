@@ -225,6 +225,19 @@ def test_bounds_rule_categories_out():
     assert inner_nodes([0, 2, 0], [0, 3, 1]) == 2
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_where_either_side_could_stay_the_smaller_one_does(mirrored):
+    # both sides: x3 <= 0 ? x2 : x1, but one asks for x1 first, and then has six leaves instead of four
+    asks_x1_first = [[1], [3, 3], [2, 0, 2, 0]], [0, 1, 0, 0, 0, 1, 1, 1]
+    asks_x3_first = [[3], [2, 1], [0, 0, 0, 0]], [0, 0, 1, 1, 0, 0, 1, 1]
+    first, second = (asks_x3_first, asks_x1_first) if mirrored else (asks_x1_first, asks_x3_first)
+    levels = [a + b for a, b in zip(first[0], second[0], strict=True)]
+    tree = tree_of([0, *levels[0], *levels[1], *levels[2]], [0.0] * 15, first[1] + second[1])
+    small = tree.prune()
+    assert small.feature[~small.is_leaf].tolist() == [3, 2, 1]
+    assert same_actions(tree, small, every_cell(tree, nan=True))
+
+
 def test_visits_are_given_up_only_where_they_would_be_shared():
     # x0 <= 0 ? (x1 <= 0 ? a : x2 <= 0 ? (x0 <= -1 ? a : b) : b) : (x1 <= 0 ? a : b), the right side is idle
     tree = tree_of(
