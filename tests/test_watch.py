@@ -25,6 +25,7 @@ from sympol.film import files, record, screen
 from sympol.film.rendering import rendering
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree, DiscreteActions
+from sympol.trees.plot_ways import Ways
 
 from .trees.samples import HOSTILE_NAMES
 
@@ -139,15 +140,22 @@ def test_the_way_lit_is_that_of_the_observation(tmp_path, monkeypatch):
 
 def test_the_tree_is_drawn_once_a_leaf_and_differs_between_leaves(monkeypatch):
     drawn = []
-    plot = DecisionTree.plot
-    monkeypatch.setattr(
-        DecisionTree, "plot", lambda tree, **given: drawn.append(given) or plot(tree, **given)
-    )
+    way = Ways.way
+    monkeypatch.setattr(Ways, "way", lambda ways, leaf: drawn.append(leaf) or way(ways, leaf))
     frame = screen.env_picture(Image.new("RGB", (8, 8)))
     on = screen.Screen(frame.size, walker())
     pictures = [on.draw(screen.Shot(frame, np.array([x]), "", "", 0)) for x in (-1.0, 1.0, -2.0, 3.0)]
-    assert len(drawn) == 3  # and once the whole tree
+    assert drawn == [1, 2]
     assert pictures[0] == pictures[2] != pictures[1] == pictures[3]
+
+
+def test_a_tree_too_large_to_be_made_out_is_left_out(tmp_path):
+    tree = DecisionTree.from_complete(
+        np.zeros(511, int), np.arange(511.0), np.eye(2)[np.arange(512) % 2], actions=DiscreteActions(2)
+    )
+    assert tree.n_nodes > screen.LARGEST_TREE
+    assert screen.Screen((240, 240), tree).size == screen.Screen((240, 240), None).size
+    assert sympol.watch(tree, Walk, tmp_path / "a.gif", max_steps=2).frames == 3
 
 
 def test_anything_with_predict_is_watched_without_a_tree(tmp_path):
@@ -399,3 +407,17 @@ def test_the_command_says_what_to_install(run, tmp_path, monkeypatch, capsys):
         main(["watch", str(run), "--out", str(tmp_path / "a.mp4")])
     assert stopped.value.code == 1
     assert "pip install 'sympol[video]'" in capsys.readouterr().err
+
+
+def test_a_minigrid_s_view_is_shown_beside_it(tmp_path):
+    pytest.importorskip("minigrid")
+    spec = resolve("MiniGrid-LavaGapS5-v0", backend="host")
+    features = spec.features
+    front = next(group for group in features.groups if group.name == "front")
+    tree = DecisionTree.from_complete(
+        np.array([front.features[front.categories.index("lava")]]), np.array([0.5]), np.eye(3)[[2, 1]],
+        actions=spec.actions, feature_names=features.names, feature_low=features.low,
+        feature_high=features.high, groups=features.groups,
+    )  # fmt: skip
+    film = sympol.watch(tree, spec, tmp_path / "a.gif", max_steps=4)
+    assert film.frames == film.lengths[0] + 1

@@ -7,9 +7,10 @@ import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions, Group
 from sympol.trees.layout import levels, tidy
-from sympol.trees.plot import MOST_NODES, _arrange
+from sympol.trees.plot import MOST_NODES, arrange
 from sympol.trees.plot_boxes import INK
 from sympol.trees.plot_view import ViewBox, glyph
+from sympol.trees.plot_ways import Ways
 from sympol.trees.text import question
 
 from .samples import ACTIONS, HOSTILE_NAMES, chain, random_tree
@@ -63,7 +64,7 @@ def test_right_children_first_is_the_mirror_image():
 
 def test_yes_comes_first_whichever_child_it_is(front):
     for tree in (front, front.prune()):
-        layout, _ = _arrange(tree, digits=4)
+        layout, _ = arrange(tree, digits=4)
         aside = layout.centre[:, 0 if layout.downward else 1]
         for node in np.flatnonzero(~tree.is_leaf):
             asked = question(tree, int(node))
@@ -139,7 +140,7 @@ def test_what_cannot_be_drawn_is_refused(cartpole, tmp_path):
 
 
 def test_a_split_on_what_is_seen_shows_the_view(front, tmp_path):
-    _, boxes = _arrange(front, digits=4)
+    _, boxes = arrange(front, digits=4)
     views = [box for box in boxes if isinstance(box, ViewBox)]
     assert {(view.side, view.cell) for view in views} == {(2, (0, 1))}
     assert {view.words for view in views} == {"front is lava", "front is wall", "front is empty"}
@@ -209,3 +210,35 @@ def test_the_way_of_an_observation_stands_out(front, cartpole):
     assert len(sizes) == 1
     with pytest.raises(ValueError, match="highlight must be one observation, got 2"):
         cartpole.plot(highlight=np.zeros((2, 4)))
+
+
+def test_ways_are_drawn_over_the_pale_tree_as_a_picture_of_their_own_would_be(front, cartpole):
+    import io
+
+    from PIL import Image
+
+    def apart(tree: DecisionTree, x: np.ndarray | None) -> np.ndarray:
+        png = io.BytesIO()
+        tree.plot(highlight=x).savefig(png, format="png", dpi=90)
+        return np.asarray(Image.open(png).convert("RGB")).astype(int)
+
+    for tree, observations in (
+        (front, np.column_stack([np.zeros(4), np.eye(4), np.zeros(4)])),
+        (cartpole, np.eye(4)),
+    ):
+        ways = Ways(tree, most_pixels=(9000, 9000), dpi=90)
+        for x in observations:
+            way = ways.way(int(tree.apply(x)))
+            assert np.array_equal(way, ways.way(int(tree.apply(x))))
+            # the rims of the pale lines below shine through
+            assert np.abs(way - apart(tree, x)).mean() < 0.3
+            assert np.abs(way - apart(tree, None)).mean() > 3
+        assert np.array_equal(ways.whole(), apart(tree, None))
+
+
+def test_ways_of_large_trees_fit_all_the_same():
+    tree = random_tree(np.random.default_rng(0), ACTIONS["discrete"], depth=7)
+    ways = Ways(tree, most_pixels=(300, 200), dpi=90)
+    height, width, _ = ways.way(int(np.flatnonzero(tree.is_leaf)[0])).shape
+    assert (width == 300 or height == 200, width <= 300, height <= 200) == (True, True, True)
+    assert ways.whole().shape == (height, width, 3)

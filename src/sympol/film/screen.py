@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -12,12 +11,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..trees import DecisionTree
 from ..trees.floats import printable
+from ..trees.plot_ways import Ways
 
 # pixels
-_ENV, _TREE = (480, 480), (680, 600)
+_ENV, _TREE = (480, 480), (760, 660)
 _SMALLEST_ENV = 240
 _MARGIN, _CAPTION, _FONT_SIZE = 12, 34, 17
-_MOST_DPI = 92.0
+_DPI = 92.0
+LARGEST_TREE = 500
+"""Nodes; of a larger tree nothing could be made out."""
 _PAPER, _INK = "#FFFFFF", "#222222"
 
 
@@ -51,14 +53,16 @@ def env_picture(frame: Image.Image) -> Image.Image:
 class Screen:
     """Draws shots of one size.
 
-    The tree is drawn once a leaf: an episode comes by few of them again and again.
+    The tree is drawn once a leaf: an episode comes by few of them again and again. A tree of more than
+    `LARGEST_TREE` nodes is not shown.
     """
 
     def __init__(self, env_size: tuple[int, int], tree: DecisionTree | None) -> None:
-        self._env_size, self._tree = env_size, tree
+        self._env_size, self._tree = env_size, tree if tree and tree.n_nodes <= LARGEST_TREE else None
+        self._ways = Ways(self._tree, most_pixels=_TREE, dpi=_DPI) if self._tree else None
         self._pictures: dict[int, Image.Image] = {}
-        tree_size = self._tree_picture(None).size if tree is not None else (0, 0)
-        width = env_size[0] + 2 * _MARGIN + (tree_size[0] + _MARGIN if tree is not None else 0)
+        tree_size = self._ways.size if self._ways else (0, 0)
+        width = env_size[0] + 2 * _MARGIN + (tree_size[0] + _MARGIN if self._ways else 0)
         # room for the words where the environment is narrow
         width, height = max(width, 360), max(env_size[1], tree_size[1]) + 2 * _MARGIN + _CAPTION
         self.size = width + width % 2, height + height % 2  # films in colour are made of blocks of 2 × 2
@@ -68,7 +72,7 @@ class Screen:
         picture = Image.new("RGB", self.size, _PAPER)
         width, height = self.size
         body = height - _CAPTION
-        tree = self._tree_picture(shot.observation) if self._tree is not None else None
+        tree = self._tree_picture(shot.observation)
         frame = shot.frame if shot.frame.size == self._env_size else shot.frame.resize(self._env_size)
         left = _MARGIN if tree is not None else (width - frame.width) // 2
         picture.paste(frame, (left, (body - frame.height) // 2))
@@ -98,14 +102,10 @@ class Screen:
         font = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
         return ImageFont.truetype(str(font), _FONT_SIZE, layout_engine=ImageFont.Layout.BASIC)
 
-    def _tree_picture(self, observation: np.ndarray | None) -> Image.Image:
-        tree = self._tree
-        assert tree is not None
-        leaf = -1 if observation is None else int(tree.apply(observation))
+    def _tree_picture(self, observation: np.ndarray | None) -> Image.Image | None:
+        if self._tree is None or self._ways is None:
+            return None
+        leaf = -1 if observation is None else int(self._tree.apply(observation))
         if leaf not in self._pictures:
-            figure = tree.plot(highlight=observation)
-            inches = figure.get_size_inches()
-            png = io.BytesIO()
-            figure.savefig(png, format="png", dpi=float(min(_MOST_DPI, *(np.array(_TREE) / inches))))
-            self._pictures[leaf] = Image.open(png).convert("RGB")
+            self._pictures[leaf] = Image.fromarray(self._ways.whole() if leaf < 0 else self._ways.way(leaf))
         return self._pictures[leaf]

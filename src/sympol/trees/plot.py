@@ -43,7 +43,7 @@ _PAGE = (10.0, 7.0)
 _MARGIN = 0.15
 
 _METADATA: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "svg.hashsalt": "sympol",  # the same tree, the same file
     "svg.fonttype": "path",
     "pdf.fonttype": 42,
@@ -52,11 +52,11 @@ _STYLE: dict[Any, Any] = {
     "path.sketch": None,
 }
 
-_Box: TypeAlias = TextBox | ViewBox
+Box: TypeAlias = TextBox | ViewBox
 
 
 @dataclass(frozen=True)
-class _Layout:
+class Layout:
     """Centres and sizes of all boxes [nodes, 2], in inches from the upper left corner."""
 
     centre: Float[np.ndarray, "nodes 2"]
@@ -98,24 +98,24 @@ def plot(
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(_STYLE):
-        layout, boxes = _arrange(tree, digits)
+    with rc_context(STYLE):
+        layout, boxes = arrange(tree, digits)
         if ax is None:
             ax = Figure(figsize=tuple(layout.extent)).add_axes((0, 0, 1, 1))
         figure = ax.figure.canvas.figure  # the whole one, also where ax is on a part of it
-        _draw(tree, layout, boxes, ax, lit)
+        draw(tree, layout, boxes, ax, lit)
         if path is not None:
             dpi = min(200.0, 20_000 / max(figure.get_size_inches()))
             figure.savefig(path, dpi=dpi, metadata=_METADATA[suffix])
     return figure
 
 
-def _arrange(tree: DecisionTree, digits: int) -> tuple[_Layout, list[_Box]]:
+def arrange(tree: DecisionTree, digits: int) -> tuple[Layout, list[Box]]:
     """Lay the tree out downward if that can be read on a page, and else to the right if that is better."""
     downward, down_boxes = _laid_out(tree, digits, downward=True)
     rightward, right_boxes = _laid_out(tree, digits, downward=False)
 
-    def scale_on_page(layout: _Layout) -> float:
+    def scale_on_page(layout: Layout) -> float:
         return min(1.0, float(np.min(np.sort(_PAGE) / np.sort(layout.extent))))
 
     if scale_on_page(downward) >= min(0.8, scale_on_page(rightward)):
@@ -123,7 +123,7 @@ def _arrange(tree: DecisionTree, digits: int) -> tuple[_Layout, list[_Box]]:
     return rightward, right_boxes
 
 
-def _laid_out(tree: DecisionTree, digits: int, *, downward: bool) -> tuple[_Layout, list[_Box]]:
+def _laid_out(tree: DecisionTree, digits: int, *, downward: bool) -> tuple[Layout, list[Box]]:
     boxes = _boxes(tree, digits, downward=downward)
     yes_is_right = np.array(
         [not leaf and asked_group(tree, i) is not None for i, leaf in enumerate(tree.is_leaf)]
@@ -134,13 +134,13 @@ def _laid_out(tree: DecisionTree, digits: int, *, downward: bool) -> tuple[_Layo
         x, y = tidy(tree, width, 0.12, yes_is_right), levels(tree, height, gap=0.45)
     else:
         x, y = levels(tree, width, gap=0.55), tidy(tree, height, 0.07, yes_is_right)
-    return _Layout(np.stack([x, y], axis=1) + _MARGIN, size, downward), boxes
+    return Layout(np.stack([x, y], axis=1) + _MARGIN, size, downward), boxes
 
 
-def _boxes(tree: DecisionTree, digits: int, *, downward: bool) -> list[_Box]:
+def _boxes(tree: DecisionTree, digits: int, *, downward: bool) -> list[Box]:
     """Word and colour every node; a leaf's share of visits goes where there is room: below, or behind."""
     colour, side = _leaf_colours(tree), view_side(tree.groups)
-    boxes: list[_Box] = []
+    boxes: list[Box] = []
     for node in range(tree.n_nodes):
         if not tree.is_leaf[node]:
             boxes.append(_question_box(tree, node, digits, side))
@@ -159,7 +159,7 @@ def _boxes(tree: DecisionTree, digits: int, *, downward: bool) -> list[_Box]:
     return boxes
 
 
-def _question_box(tree: DecisionTree, node: int, digits: int, side: int) -> _Box:
+def _question_box(tree: DecisionTree, node: int, digits: int, side: int) -> Box:
     feature, group = int(tree.feature[node]), asked_group(tree, node)
     if group is None:
         name = shortened(printable(tree.feature_names[feature]))
@@ -194,25 +194,36 @@ def _leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
     return [tuple(to_hex(m(0.1 + 0.8 * s)) for m, s in zip(maps, row, strict=True)) for row in share.tolist()]
 
 
-def _draw(
-    tree: DecisionTree, layout: _Layout, boxes: list[_Box], ax: Axes, lit: Bool[np.ndarray, " nodes"] | None
+def draw(
+    tree: DecisionTree,
+    layout: Layout,
+    boxes: list[Box],
+    ax: Axes,
+    lit: Bool[np.ndarray, " nodes"] | None = None,
+    *,
+    only_lit: bool = False,
 ) -> None:
-    """Draw on axes whose unit is an inch, if they are as large as the layout; else everything scales."""
+    """Draw on axes whose unit is an inch, if they are as large as the layout; else everything scales.
+
+    The nodes in ``lit`` stand out and the others are pale, or left out.
+    """
     extent = layout.extent
     ax.set_axis_off()
     ax.set(xlim=(0, extent[0]), ylim=(extent[1], 0), aspect="equal")
     available = np.array(ax.get_window_extent().size) / ax.figure.dpi
     scale = float(np.min(available / extent))
+    shown = lit if only_lit and lit is not None else np.ones(tree.n_nodes, bool)
     pens = [Pen(ax, scale, None if lit is None else bool(lit[node])) for node in range(tree.n_nodes)]
-    for node in np.flatnonzero(~tree.is_leaf):
+    for node in np.flatnonzero(~tree.is_leaf & shown):
         asked = question(tree, int(node))
         for child, answer in ((asked.yes_child, "yes"), (asked.no_child, "no")):
-            _draw_edge(tree, layout, pens[child], int(node), child, answer)  # lit as the child is
-    for box, centre, pen in zip(boxes, layout.centre, pens, strict=True):
-        box.draw(pen, centre)
+            if shown[child]:
+                _draw_edge(tree, layout, pens[child], int(node), child, answer)  # lit as the child is
+    for node in np.flatnonzero(shown):
+        boxes[node].draw(pens[node], layout.centre[node])
 
 
-def _draw_edge(tree: DecisionTree, layout: _Layout, pen: Pen, parent: int, child: int, answer: str) -> None:
+def _draw_edge(tree: DecisionTree, layout: Layout, pen: Pen, parent: int, child: int, answer: str) -> None:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Curve
 
