@@ -10,7 +10,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train.train,
     "show": read.show,
     "eval": read.evaluate,
-    "export": read.export,
     "watch": watch.watch,
+    "export": read.export,
     "resume": train.resume,
 }
