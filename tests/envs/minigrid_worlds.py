@@ -54,12 +54,11 @@ def all_starts(env: MiniGrid) -> tuple[GridState, NDArray[np.float64]]:
             draws, probability = np.arange(num)[:, None], np.full(num, 1 / num)
         case DoorKey(size):
             parts, probabilities = [], []
-            for layout in range(size - 4):
-                cells = (layout + 1) * (size - 2)
-                choices = (cells, cells - 1, 4, size - 3)  # agent, key, direction, door
-                grid = np.indices(choices).reshape(len(choices), -1).T
-                parts.append(np.insert(grid, 0, layout, axis=1))
-                probabilities.append(np.full(len(grid), 1 / (size - 4) / np.prod(choices)))
+            for first in range((size - 4) * (size - 3) * 4):  # layout, row of the door, direction
+                cells = (first % (size - 4) + 1) * (size - 2)
+                second = np.arange(cells * (cells - 1))  # agent, key
+                parts.append(np.stack([np.full_like(second, first), second], axis=1))
+                probabilities.append(np.full(len(second), 1 / ((size - 4) * (size - 3) * 4) / len(second)))
             draws, probability = np.concatenate(parts), np.concatenate(probabilities)
         case _:
             raise ValueError(f"too many starts to list them: {env.task}")

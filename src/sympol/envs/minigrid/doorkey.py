@@ -11,7 +11,7 @@ from jax import Array
 from jaxtyping import Int32, UInt32
 
 from .cells import EMPTY, FORWARD, GOAL, LEFT, PICK_UP, RIGHT, STATES, TOGGLE, UNSEEN, WALL, cell
-from .task import Start, Task, choice, choice_besides, room
+from .task import Start, Task, besides, choices, room
 
 KEY = cell("key", "yellow")
 DOORS = tuple(cell("door", "yellow", state) for state in STATES)
@@ -29,7 +29,7 @@ class DoorKey(Task):
     elsewhere: ClassVar[tuple[int, ...]] = (UNSEEN, EMPTY, WALL, GOAL, KEY, *DOORS)
     here: ClassVar[tuple[int, ...]] = (EMPTY, KEY)
     see_through_walls: ClassVar[bool] = False
-    num_draws: ClassVar[int] = 5
+    num_draws: ClassVar[int] = 2
 
     @property
     def max_steps(self) -> int:
@@ -46,20 +46,20 @@ class DoorKey(Task):
             grids.append(grid)
         return np.stack(grids)
 
-    def start(self, draws: UInt32[Array, " 5"]) -> Start:
-        """Column of the wall, row of the door, cell and direction of the agent, cell of the key."""
+    def start(self, draws: UInt32[Array, " 2"]) -> Start:
+        """Column of the wall, row of the door, direction of the agent; cells of agent and key."""
         rows = self.size - 2
-        layout = choice(draws[0], self.size - 4)
+        # the door is never in the lowest row
+        layout, door_row, direction = choices(draws[0], self.size - 4, self.size - 3, 4)
         cells_on_left = (layout + 1) * rows
-        agent = choice(draws[1], cells_on_left)
-        key = choice_besides(draws[2], cells_on_left, agent)
-        door_y = 1 + choice(draws[4], self.size - 3)  # never in the lowest row
+        agent, key = choices(draws[1], cells_on_left, cells_on_left - 1)
+        key = besides(agent, key)
         things = [
-            [layout + 2, door_y, jnp.int32(LOCKED)],
+            [layout + 2, 1 + door_row, jnp.int32(LOCKED)],
             [1 + key // rows, 1 + key % rows, jnp.int32(KEY)],
         ]
         position = jnp.stack([1 + agent // rows, 1 + agent % rows])
-        return Start(layout, position, choice(draws[3], 4), jnp.stack([jnp.stack(thing) for thing in things]))
+        return Start(layout, position, direction, jnp.stack([jnp.stack(thing) for thing in things]))
 
 
 TASKS = {f"MiniGrid-DoorKey-{size}x{size}-v0": DoorKey(size) for size in (5, 6, 8, 16)}

@@ -11,7 +11,7 @@ from jax import Array
 from jaxtyping import Int32, UInt32
 
 from .cells import EMPTY, GOAL, UNSEEN, WALL
-from .task import Start, Task, choice, choice_besides, room
+from .task import Start, Task, besides, choices, room
 
 SIZE = 19
 MIDDLE = SIZE // 2
@@ -28,7 +28,7 @@ class FourRooms(Task):
     planes: ClassVar[tuple[int, ...]] = (0, 1, 2, 8)
     elsewhere: ClassVar[tuple[int, ...]] = (UNSEEN, EMPTY, WALL, GOAL)
     see_through_walls: ClassVar[bool] = False
-    num_draws: ClassVar[int] = 7
+    num_draws: ClassVar[int] = 2
 
     @property
     def max_steps(self) -> int:
@@ -42,24 +42,25 @@ class FourRooms(Task):
         grid[:, MIDDLE] = WALL
         return grid[None]
 
-    def start(self, draws: UInt32[Array, " 7"]) -> Start:
-        """The four gaps, cell and direction of the agent, cell of the goal."""
-        low, high = jnp.int32(1), jnp.int32(MIDDLE + 1)
-        middle = jnp.int32(MIDDLE)
+    def start(self, draws: UInt32[Array, " 2"]) -> Start:
+        """The four gaps, the direction of the agent; cells of agent and goal."""
+        *gap, direction = choices(draws[0], *(MIDDLE - 1,) * 4, 4)
+        low, middle, high = 1, jnp.int32(MIDDLE), MIDDLE + 1
         gaps = jnp.stack(
             [
-                jnp.stack([middle, low + choice(draws[0], MIDDLE - 1)]),
-                jnp.stack([low + choice(draws[1], MIDDLE - 1), middle]),
-                jnp.stack([high + choice(draws[2], MIDDLE - 1), middle]),
-                jnp.stack([middle, high + choice(draws[3], MIDDLE - 1)]),
+                jnp.stack([middle, low + gap[0]]),
+                jnp.stack([low + gap[1], middle]),
+                jnp.stack([high + gap[2], middle]),
+                jnp.stack([middle, high + gap[3]]),
             ]
         )
-        agent = choice(draws[4], len(gaps) + len(ROOMS))
-        goal = choice_besides(draws[5], len(gaps) + len(ROOMS), agent)
+        num_free = len(gaps) + len(ROOMS)
+        agent, goal = choices(draws[1], num_free, num_free - 1)
+        goal = besides(agent, goal)
         places = jnp.concatenate([gaps, _free_cell(gaps, goal)[None]])
         codes = jnp.asarray([EMPTY] * len(gaps) + [GOAL], jnp.int32)
         things = jnp.concatenate([places, codes[:, None]], axis=1)
-        return Start(jnp.int32(0), _free_cell(gaps, agent), choice(draws[6], 4), things)
+        return Start(jnp.int32(0), _free_cell(gaps, agent), direction, things)
 
 
 def _free_cell(gaps: Int32[Array, "4 2"], index: Int32[Array, ""]) -> Int32[Array, " 2"]:

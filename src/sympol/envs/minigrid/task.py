@@ -77,15 +77,27 @@ class TableTask(Task):
         return Start(row[0], row[1:3], row[3], jnp.zeros((0, 3), jnp.int32))
 
 
-def choice(draw: Draw, num: int | Int[Array, ""]) -> Int[Array, ""]:
+def choice(draw: Draw, num: int) -> Int[Array, ""]:
     """One of ``num`` numbers from 0. The first ones are likelier, by less than num / 2³²."""
-    return (draw % jnp.asarray(num, jnp.uint32)).astype(jnp.int32)
+    return choices(draw, num)[0]
 
 
-def choice_besides(draw: Draw, num: int | Int[Array, ""], taken: Int[Array, ""]) -> Int[Array, ""]:
-    """One of ``num`` numbers from 0, other than the one taken."""
-    other = choice(draw, num - 1)
-    return other + (other >= taken).astype(jnp.int32)
+def choices(draw: Draw, *nums: int | Int[Array, ""]) -> list[Int[Array, ""]]:
+    """One out of each of several numbers from 0, out of one random integer: drawing another costs more.
+
+    All combinations are equally likely, but for less than their number / 2³².
+    """
+    found = []
+    for num in nums:
+        num = jnp.asarray(num, jnp.uint32)
+        found.append((draw % num).astype(jnp.int32))
+        draw = draw // num
+    return found
+
+
+def besides(taken: Int[Array, ""], choice: Int[Array, ""]) -> Int[Array, ""]:
+    """Turn a choice of one number fewer into one among all but the one taken."""
+    return choice + (choice >= taken).astype(jnp.int32)
 
 
 def room(width: int, height: int) -> Int32[np.ndarray, "height width"]:
