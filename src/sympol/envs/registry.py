@@ -22,6 +22,7 @@ from .cartpole import CartPole
 from .env import Env
 from .host import HostEnvs, MissingExtra
 from .mountain_car import MountainCar, MountainCarContinuous
+from .names import known_names
 from .pendulum import Pendulum
 from .pool import PoolEnvs, find_task
 from .spaces import Features, action_spec
@@ -192,10 +193,11 @@ def resolve(
     as_it_is = isinstance(env, str) and not (entry.env or entry.host or kwargs)
     task = None if in_jax or backend == "host" else find_task(name, as_it_is, insist=backend == "envpool")
 
+    known = known_names(example, name)
+
     def own(what: str, given: Any) -> Any:
-        return next(
-            (g for g in (given, getattr(entry, what), getattr(example, what, None)) if g is not None), None
-        )
+        offers = (given, getattr(entry, what), getattr(example, what, None), known.get(what))
+        return next((offer for offer in offers if offer is not None), None)
 
     return EnvSpec(
         name=name,
