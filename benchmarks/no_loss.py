@@ -2,14 +2,13 @@
 
     python -m benchmarks.no_loss RUN...        writes results/no_loss.json
 
-Observations, all within the bounds of the space (pruning by bounds is proven there and nowhere else): a third
-random, a third near visited ones, a third exactly on thresholds, beside them, on bounds, subnormal.
+Observations: all there can be, where they are listed (MiniGrid). Elsewhere a million, all within the bounds of the
+space (pruning by bounds is proven there and nowhere else): a third random, a third near visited ones, a third exactly
+on thresholds, beside them, on bounds, subnormal.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +22,8 @@ from sympol.evaluate import play
 from sympol.policies.distributions import distribution_of
 from sympol.runs.folder import versions
 from sympol.trees import DecisionTree
+
+from .timing import write
 
 SPECIAL = np.float32([0, -0.0, 1e-40, -1e-40, 1.1754942e-38, 1.1754944e-38, -1.1754944e-38, 1e-20, -1e-20])
 NUM_OBSERVATIONS = 1_000_000
@@ -79,14 +80,16 @@ def trained_policy(agent: sympol.PPO) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def readers(agent: sympol.PPO) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    """All that claims to be this policy."""
+    """All that claims to be this policy; where all observations are listed, pruned on them or only as elsewhere."""
     full, tree = agent.tree(prune=False), agent.tree()
     program: dict[str, Any] = {"__name__": "policy"}
     exec(compile(tree.to_python(), "policy.py", "exec"), program)
     act, estimator = program["act"], tree.to_sklearn()
+    listed = {} if agent.spec.all_observations() is None else {"pruned_on_all": tree.predict}
     return {
         "extracted": full.predict,
-        "pruned": tree.predict,
+        "pruned": full.prune().predict,
+        **listed,
         "json": DecisionTree.from_json(tree.to_json()).predict,
         "sklearn": estimator.predict,
         "python": lambda x: np.array([act(row) for row in x.tolist()]),
@@ -107,8 +110,11 @@ def disagreements(agent: sympol.PPO, x: np.ndarray, *, python_on: int | None = N
 def measure(run: Path) -> dict[str, Any]:
     """One finished run."""
     agent = sympol.load(run)
-    visited = play(agent.tree(prune=False), agent.spec, 20, seed=SEED, deterministic=False).observations
-    x = observations(agent.tree(prune=False), visited, np.random.default_rng(SEED), NUM_OBSERVATIONS)
+    x = agent.spec.all_observations()
+    if x is None:
+        full = agent.tree(prune=False)
+        visited = play(full, agent.spec, 20, seed=SEED, deterministic=False).observations
+        x = observations(full, visited, np.random.default_rng(SEED), NUM_OBSERVATIONS)
     return {
         "run": run.name,
         "env": agent.spec.name,
@@ -122,16 +128,9 @@ def measure(run: Path) -> dict[str, Any]:
 
 def main(runs: list[str]) -> None:
     results = [measure(Path(run)) for run in runs]
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
-    content = {"seed": SEED, "commit": commit, "versions": versions(), "runs": results}
-    file = Path(__file__).resolve().parents[1] / "results" / "no_loss.json"
-    file.parent.mkdir(exist_ok=True)
-    file.write_text(json.dumps(content, indent=2) + "\n")
     for result in results:
         print(f"{result['env']} seed {result['seed']}: {result['disagreements']}")
-    print(f"written to {file}")
+    print(f"written to {write('no_loss', {'seed': SEED, 'versions': versions(), 'runs': results})}")
 
 
 if __name__ == "__main__":

@@ -1,19 +1,26 @@
-"""The tree that is read is the policy that was trained, on a million observations of each kind of action."""
+"""The tree that is read is the policy that was trained.
+
+On a million observations of each kind of action, and on all that there are in MiniGrid's small tasks.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks import no_loss
+from benchmarks import no_loss, timing
 
 import sympol
+from sympol.algos.init import init_state, normalizer_of
 from sympol.evaluate import play
+from sympol.policies.distributions import distribution_of
 
 from .envs.probes import MultiDiscreteMatch
 from .tiny import quick_compiles, trained
+from .trees.test_prune_on import assert_no_split_is_idle
 
 __all__ = ["quick_compiles"]
 
@@ -44,6 +51,48 @@ def test_trained_extracted_pruned_json_sklearn_and_python_agree_python_on_100_00
     assert counts == {"extracted": 0, "pruned": 0, "json": 0, "sklearn": 0, "python": 0}
 
 
+TASKS = (
+    "MiniGrid-Empty-Random-6x6-v0",
+    "MiniGrid-DoorKey-5x5-v0",
+    "MiniGrid-LavaGapS5-v0",
+    "MiniGrid-LavaGapS7-v0",
+    "MiniGrid-DistShift1-v0",
+    "sympol/DistShift-Random-v0",
+)
+
+
+def untrained(env_id: str, depth: int) -> sympol.PPO:
+    """The random tree that a training begins with."""
+    agent = sympol.PPO("tree", env_id, depth=depth, seed=depth)
+    distribution, hyper = distribution_of(agent.spec.action_space), agent.config.hyperparameters()
+    normalizer, _ = normalizer_of(agent.spec.features, agent.config)
+    agent.state = init_state(agent.config, distribution, normalizer, hyper, jnp.int32(agent.seed))
+    return agent
+
+
+def assert_no_loss_on_all_there_is(agent: sympol.PPO) -> None:
+    x = agent.spec.all_observations()
+    assert x is not None
+    counts = no_loss.disagreements(agent, x)
+    assert counts == dict.fromkeys(("extracted", "pruned", "pruned_on_all", "json", "sklearn", "python"), 0)
+    full, tree = agent.tree(prune=False), agent.tree()
+    assert tree.n_nodes <= full.prune().n_nodes < full.n_nodes
+    assert tree.prune(observations=x) == tree
+    assert_no_split_is_idle(tree, x)
+
+
+@pytest.mark.parametrize("depth", [6, 8])
+@pytest.mark.parametrize("env_id", TASKS)
+def test_no_loss_on_all_reachable_minigrid_observations(env_id, depth):
+    assert_no_loss_on_all_there_is(untrained(env_id, depth))
+
+
+@pytest.mark.parametrize("env_id", ["MiniGrid-DoorKey-5x5-v0", "sympol/DistShift-Random-v0"])
+def test_no_loss_on_all_reachable_observations_after_training(env_id):
+    options = {"depth": 6, "learning_rate_leaf_values": 0.05, "learning_rate_feature_logits": 0.05}
+    assert_no_loss_on_all_there_is(trained(env_id, **options))
+
+
 def test_a_disagreement_would_be_seen(one, monkeypatch):
     tree = one.tree(prune=False)
     x = no_loss.observations(tree, None, np.random.default_rng(0), 30_000)
@@ -61,8 +110,7 @@ def test_a_disagreement_would_be_seen(one, monkeypatch):
 
 def test_the_benchmark_writes_its_result(tmp_path, monkeypatch, capsys):
     trained().save(tmp_path / "run")
-    (tmp_path / "benchmarks").mkdir()
-    monkeypatch.setattr(no_loss, "__file__", str(tmp_path / "benchmarks" / "no_loss.py"))
+    monkeypatch.setattr(timing, "ROOT", tmp_path)
     monkeypatch.setattr(no_loss, "NUM_OBSERVATIONS", 3_000)
     no_loss.main([str(tmp_path / "run")])
     (run,) = json.loads((tmp_path / "results" / "no_loss.json").read_text())["runs"]

@@ -191,8 +191,9 @@ class PPO:
     def tree(self, *, prune: bool = True) -> DecisionTree:
         """The policy: of the trees validated, the best (``select_best``), or the last.
 
-        Pruning changes no action for any observation within the space's bounds; ``prune=False`` is the complete
-        tree of depth ``config.depth``, with the leaf distributions as trained.
+        Pruning changes no action for any observation within the space's bounds; where all observations there can be
+        are listed (MiniGrid's small tasks), for any of those. ``prune=False`` is the complete tree of depth
+        ``config.depth``, with the leaf distributions as trained.
 
         Raises:
             RuntimeError: before `learn`.
@@ -200,9 +201,11 @@ class PPO:
         if self.state is None:
             raise RuntimeError("there is no tree yet: call learn() first")
         now = self.num_timesteps
+        if (now, False) not in self._trees:
+            self._trees = {(now, False): _extract(self.spec, self.config, self.state)}
         if (now, prune) not in self._trees:
-            full = _extract(self.spec, self.config, self.state)
-            self._trees = {(now, False): full, (now, True): full.prune()}
+            listed = self.spec.all_observations()
+            self._trees[now, True] = self._trees[now, False].prune(observations=listed)
         return self._trees[now, prune]
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -1,13 +1,12 @@
-"""The worlds of a MiniGrid task as a graph: every state that can be reached, and the shortest way to the goal.
+"""The worlds of a MiniGrid task: the shortest way to the goal, and the way between Farama's environments and ours.
 
-Found with the environment in JAX, in batches; tests/parity/test_minigrid.py shows that each of these steps is
-Farama's. A `World` is the common tongue of the two: it can be read from and written into Farama's environments.
+A `World` is the common tongue of the two: it can be read from and written into Farama's environments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -16,15 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sympol.envs.minigrid import MiniGrid
+from sympol.envs.minigrid import MiniGrid, reach
 from sympol.envs.minigrid.cells import EMPTY, KINDS, PORTABLE, bits
 from sympol.envs.minigrid.core import IN_HAND, GridState
-from sympol.envs.minigrid.doorkey import DoorKey
-from sympol.envs.minigrid.task import TableTask
+from sympol.envs.minigrid.reach import Graph, explore, in_batches, keys
 from sympol.types import Step
 
-BATCH = 512
-"""States stepped together, so that one shape is compiled."""
 UNREACHABLE = np.iinfo(np.int32).max
 
 
@@ -37,68 +33,25 @@ class World(NamedTuple):
     load: NDArray[np.int32]  # the code of what is carried, 0 for nothing
 
 
-class Graph(NamedTuple):
-    """S states in which one can act, and where each of the A actions leads."""
-
-    states: GridState  # NumPy, [S, …]
-    observations: NDArray[np.float32]  # [S, F]
-    successor: NDArray[np.int32]  # [S, A], −1 where the episode terminates
-    reaches_goal: NDArray[np.bool_]  # [S, A]
-
-
 def all_starts(env: MiniGrid) -> tuple[GridState, NDArray[np.float64]]:
-    """Every start (batched) and its probability, by putting in every combination of random integers that differs."""
-    match env.task:
-        case TableTask():
-            num = len(env.task.starts())
-            draws, probability = np.arange(num)[:, None], np.full(num, 1 / num)
-        case DoorKey(size):
-            parts, probabilities = [], []
-            for first in range((size - 4) * (size - 3) * 4):  # layout, row of the door, direction
-                cells = (first % (size - 4) + 1) * (size - 2)
-                second = np.arange(cells * (cells - 1))  # agent, key
-                parts.append(np.stack([np.full_like(second, first), second], axis=1))
-                probabilities.append(np.full(len(second), 1 / ((size - 4) * (size - 3) * 4) / len(second)))
-            draws, probability = np.concatenate(parts), np.concatenate(probabilities)
-        case _:
-            raise ValueError(f"too many starts to list them: {env.task}")
-    states = jax.jit(jax.vmap(env.start))(draws.astype(np.uint32))
-    return jax.tree.map(np.asarray, states), probability
+    """Every start (batched) and its probability."""
+    draws, states = env.task.start_draws(reach.MAX_STATES), reach.all_starts(env)
+    if draws is None or states is None:
+        raise ValueError(f"too many starts to list them: {env.task}")
+    _, first, num_second = np.unique(draws[:, 0], return_inverse=True, return_counts=True)
+    return states, 1 / len(num_second) / num_second[first]
 
 
 def step_all(env: MiniGrid, states: GridState, actions: NDArray) -> tuple[GridState, Step]:
-    """One step from each of many states, in batches of one shape; all of it NumPy's."""
-    step = _compiled(env)
-    parts = [step(_at(states, rows), actions[rows].astype(np.int32)) for rows in _batches(len(actions))]
-    return jax.tree.map(lambda *x: np.concatenate(x)[: len(actions)], *parts)
+    """One step from each of many states; all of it NumPy's."""
+    return in_batches(_stepping(env), (states, actions.astype(np.int32)))
 
 
 def reachable(env: MiniGrid, start: GridState | None = None) -> Graph:
-    """Explore from some states (batched), by default from all starts, at time 0 and without a time limit."""
-    num_actions = len(env.view.actions)
-    actions = np.arange(num_actions)
-    frontier = _unique(all_starts(env)[0] if start is None else start)
-    index = {key: i for i, key in enumerate(keys(frontier))}
-    states, successors, goals = [], [], []
-    while len(frontier.time):
-        num = len(frontier.time)
-        each = jax.tree.map(partial(np.repeat, repeats=num_actions, axis=0), frontier)
-        after, step = step_all(env, each, np.tile(actions, num))
-        after = after._replace(time=np.zeros_like(after.time))
-        fresh, successor = [], np.full(len(step.reward), -1)
-        for i, (key, terminated) in enumerate(zip(keys(after), step.terminated, strict=True)):
-            if terminated:
-                continue
-            if key not in index:
-                index[key] = len(index)
-                fresh.append(i)
-            successor[i] = index[key]
-        states.append(frontier)
-        successors.append(successor.reshape(num, num_actions))
-        goals.append((step.reward > 0).reshape(num, num_actions))
-        frontier = _at(after, np.array(fresh, int))
-    known = jax.tree.map(lambda *parts: np.concatenate(parts), *states)
-    return Graph(known, observe_all(env, known), np.concatenate(successors), np.concatenate(goals))
+    """What there is to reach from some states (batched), by default from all starts."""
+    graph = explore(env, start)
+    assert graph is not None, "too many states"
+    return graph
 
 
 def steps_to_goal(graph: Graph) -> NDArray[np.int32]:
@@ -120,13 +73,6 @@ def optimal_returns(env: MiniGrid, hosts: Iterable[gymnasium.Env]) -> NDArray[np
     steps = steps_to_goal(graph)[[index[key] for key in keys(states)]]
     limit = env.max_episode_steps
     return np.array([1 - 0.9 * (n / limit) if n <= limit else 0.0 for n in steps.tolist()])
-
-
-def observe_all(env: MiniGrid, states: GridState) -> NDArray[np.float32]:
-    """The observation of each of many states, ``[S, F]``."""
-    observe = jax.jit(jax.vmap(env.observe))
-    rows = _batches(len(states.time))
-    return np.concatenate([np.asarray(observe(_at(states, r))) for r in rows])[: len(states.time)]
 
 
 def worlds_of(env: MiniGrid, states: GridState) -> World:
@@ -213,33 +159,9 @@ def _object(code: int) -> Any:
 
 
 _SCENERY: dict[int, Any] = {}
-_PROGRAMS: dict[MiniGrid, Any] = {}
 
 
-def _compiled(env: MiniGrid) -> Any:
-    if env not in _PROGRAMS:
-        step = jax.vmap(env.step, in_axes=(None, 0, 0))
-        _PROGRAMS[env] = jax.jit(lambda states, actions: step(jax.random.key(0), states, actions))
-    return _PROGRAMS[env]
-
-
-def keys(states: GridState) -> list[bytes]:
-    """Something to look each of many states up by; the time does not count."""
-    return [row.tobytes() for row in _rows(states)]
-
-
-def _rows(states: GridState) -> NDArray[np.int32]:
-    columns = [states.layout, states.position, states.direction]
-    return np.concatenate([np.stack(columns, axis=1), states.places, states.codes], axis=1)
-
-
-def _unique(states: GridState) -> GridState:
-    return _at(states, np.unique(_rows(states), axis=0, return_index=True)[1])
-
-
-def _at(states: GridState, rows: NDArray) -> GridState:
-    return jax.tree.map(lambda x: x[rows], states)
-
-
-def _batches(num: int) -> NDArray[np.int64]:
-    return np.resize(np.arange(num), -(-num // BATCH) * BATCH).reshape(-1, BATCH)
+@lru_cache(maxsize=16)
+def _stepping(env: MiniGrid) -> Any:
+    step = jax.vmap(env.step, in_axes=(None, 0, 0))
+    return jax.jit(lambda states_and_actions: step(jax.random.key(0), *states_and_actions))

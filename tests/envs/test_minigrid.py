@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from sympol.envs.env import Env
-from sympol.envs.minigrid import TASKS, View, make, make_host
+from sympol.envs.minigrid import TASKS, View, make, make_host, reach
 from sympol.envs.minigrid.cells import EMPTY, LAVA, UNSEEN, WALL
+from sympol.envs.minigrid.reach import observe_all
 from sympol.envs.registry import MissingExtra, UnknownEnvironment, resolve
 from sympol.trees.groups import require_one_hot
 
@@ -67,7 +68,7 @@ def test_bounds_and_groups_hold_wherever_one_can_come(env_id: str) -> None:
     num_states, num_actions = graph.successor.shape
     each = jax.tree.map(lambda x: np.repeat(x, num_actions, axis=0), graph.states)
     _, step = step_all(env, each, np.tile(np.arange(num_actions), num_states))
-    seen = np.concatenate([graph.observations, np.asarray(step.observation)])
+    seen = np.concatenate([observe_all(env, graph.states), np.asarray(step.observation)])
     assert (seen >= env.view.low).all()
     assert (seen <= env.view.high).all()
     require_one_hot(env.groups, seen)
@@ -268,6 +269,35 @@ def test_the_shortest_way() -> None:
     assert set(best) <= {1 - 0.9 * (n / 250) for n in steps.tolist()}
     without_key = make(DOOR_KEY, actions=(0, 1, 2, 5))
     assert (optimal_returns(without_key, hosts) == 0).all()
+
+
+@pytest.mark.parametrize("options", [{}, {"view_size": 5, "planes": (1, 2), "actions": (0, 2, 3, 5)}])
+def test_all_observations_are_those_of_random_episodes_and_of_every_state(options: dict[str, Any]) -> None:
+    env, spec = make(DOOR_KEY, **options), resolve(DOOR_KEY, env_kwargs=options, backend="host")
+    listed = env.all_observations()
+    assert listed is not None
+    assert listed is make(DOOR_KEY, **options).all_observations()
+    assert not listed.flags.writeable
+    np.testing.assert_array_equal(listed, np.unique(observe_all(env, reachable(env).states), axis=0))
+    np.testing.assert_array_equal(listed, spec.all_observations())  # of its twin, too
+    envs, rng = spec.host_envs(8), np.random.default_rng(0)
+    seen, known = [envs.reset(seed=0)], {row.tobytes() for row in listed}
+    for _ in range(400):
+        seen.append(envs.step(rng.integers(len(env.view.actions), size=8))[1])
+    met = {row.tobytes() for row in np.concatenate(seen)}
+    assert met <= known
+    assert len(met) > len(known) / 2
+
+
+@pytest.mark.parametrize("limit", ["MAX_STATES", "MAX_NUMBERS"])
+def test_large_worlds_are_not_listed(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for env_id in ("MiniGrid-FourRooms-v0", "MiniGrid-DoorKey-16x16-v0"):
+        assert make(env_id).all_observations() is None
+    spec = resolve("MiniGrid-Fetch-5x5-N2-v0")
+    assert spec.all_observations() is None
+    for most in (1, 55, 100, 159):  # starts of DoorKey: 48; states: 160
+        monkeypatch.setattr(reach, limit, most)
+        assert reach.all_observations.__wrapped__(make(DOOR_KEY)) is None
 
 
 def test_too_many_starts_to_list() -> None:

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group, prune, prune_unvisited
+from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group, prune, prune_on, prune_unvisited
 
 from .samples import (
     ACTIONS,
@@ -233,9 +233,10 @@ def test_where_either_side_could_stay_the_smaller_one_does(mirrored):
     first, second = (asks_x3_first, asks_x1_first) if mirrored else (asks_x1_first, asks_x3_first)
     levels = [a + b for a, b in zip(first[0], second[0], strict=True)]
     tree = tree_of([0, *levels[0], *levels[1], *levels[2]], [0.0] * 15, first[1] + second[1])
-    small = tree.prune()
-    assert small.feature[~small.is_leaf].tolist() == [3, 2, 1]
-    assert same_actions(tree, small, every_cell(tree, nan=True))
+    everywhere = every_cell(tree, nan=True)
+    for small in (tree.prune(), prune_on(tree, everywhere)):
+        assert small.feature[~small.is_leaf].tolist() == [3, 2, 1]
+        assert same_actions(tree, small, everywhere)
 
 
 def test_visits_are_given_up_only_where_they_would_be_shared():

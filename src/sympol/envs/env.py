@@ -29,8 +29,10 @@ class Env(Protocol[State]):
     ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, and for ``Box`` a float32 array of
     the space's shape, already clipped to its bounds.
 
-    Three more attributes are read where an environment has them: ``feature_names`` and ``action_names``
-    (sequences of str, one per feature and per action or action component) and ``max_episode_steps`` (int).
+    More attributes are read where an environment has them: ``feature_names`` and ``action_names`` (sequences of
+    str, one per feature and per action or action component), ``groups`` (the features that are one-hot together),
+    ``max_episode_steps`` (int), and ``all_observations()``: all observations there can be ``[batch, features]``,
+    where they can be listed, else None; then the tree is pruned on them.
     """
 
     @property

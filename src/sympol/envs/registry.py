@@ -13,6 +13,8 @@ from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar, get_args
 
 import gymnasium
+import numpy as np
+from jaxtyping import Float32
 
 from ..trees.actions import ActionSpec
 from ..trees.groups import Group
@@ -33,6 +35,10 @@ Made = TypeVar("Made")
 Backend: TypeAlias = Literal["auto", "jax", "host", "envpool"]
 
 
+def not_listed() -> None:
+    """All observations of an environment that nobody can list."""
+
+
 class UnknownEnvironment(ValueError):
     """No environment has this id."""
 
@@ -43,7 +49,8 @@ class EnvSpec:
 
     ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
     ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. ``pool_task`` is its name in envpool, if
-    it is to be trained on there. ``env_kwargs`` is what it was made with, beside its name.
+    it is to be trained on there. ``env_kwargs`` is what it was made with, beside its name. ``all_observations``
+    lists all there can be; it returns None where nobody can.
     """
 
     name: str
@@ -57,6 +64,7 @@ class EnvSpec:
     has_one_copy: bool = False  # make_host returns the user's own object, each time
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     pool_task: str | None = None
+    all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
 
     @property
     def backend(self) -> Backend:
@@ -213,6 +221,7 @@ def resolve(
         has_one_copy=has_one_copy,
         env_kwargs=kwargs or ({} if isinstance(env, str) else _made_with(example)),
         pool_task=task,
+        all_observations=getattr(jax_env, "all_observations", not_listed),
     )
 
 

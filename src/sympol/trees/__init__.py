@@ -3,6 +3,7 @@
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
 from .groups import Group
 from .prune import prune, prune_unvisited
+from .prune_on import prune_on
 from .tree import DecisionTree
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "Group",
     "MultiDiscreteActions",
     "prune",
+    "prune_on",
     "prune_unvisited",
 ]

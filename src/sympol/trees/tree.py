@@ -18,6 +18,7 @@ from .actions import ActionSpec
 from .floats import flushed, observation_batch
 from .groups import Group, check_groups, require_one_hot
 from .preorder import NO_CHILD, check, complete_to_preorder
+from .walk import depths, descend, descend_one, paths, visits
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -148,10 +149,7 @@ class DecisionTree:
     @property
     def node_depth(self) -> Int[np.ndarray, " nodes"]:
         """Comparisons above each node."""
-        depth = np.zeros(self.n_nodes, dtype=np.int64)
-        for node in np.flatnonzero(~self.is_leaf):
-            depth[[self.children_left[node], self.children_right[node]]] = depth[node] + 1
-        return depth
+        return depths(self.children_left, self.children_right)
 
     @property
     def depth(self) -> int:
@@ -168,15 +166,8 @@ class DecisionTree:
         x, single = observation_batch(X, self.n_features)
         require_one_hot(self.groups, x)
         if single:
-            return np.int32(self._leaf_of(x[0].tolist()))
-        node = np.zeros(len(x), dtype=np.int32)
-        rows = np.arange(len(x) if self.n_nodes > 1 else 0)
-        while rows.size:
-            at = node[rows]
-            left = x[rows, self.feature[at]] <= self.threshold[at]
-            node[rows] = np.where(left, self.children_left[at], self.children_right[at])
-            rows = rows[self.children_left[node[rows]] != NO_CHILD]
-        return node
+            return np.int32(descend_one(*self._lists, x[0].tolist()))
+        return descend(self.children_left, self.children_right, self.feature, self.threshold, x)
 
     def predict(self, X: ArrayLike) -> np.ndarray:
         """Return the deterministic action of one observation [features], or of many [batch, features].
@@ -203,24 +194,27 @@ class DecisionTree:
     def decision_path(self, X: ArrayLike) -> Bool[np.ndarray, "*batch nodes"]:
         """Return which nodes each observation comes by: a dense array, batch × nodes booleans."""
         leaf = self.apply(X)
-        on_path = np.zeros((np.size(leaf), self.n_nodes), dtype=bool)
-        on_path[np.arange(np.size(leaf)), leaf] = True
-        for node in np.flatnonzero(~self.is_leaf)[::-1]:
-            on_path[:, node] = on_path[:, self.children_left[node]] | on_path[:, self.children_right[node]]
+        on_path = paths(self.children_left, self.children_right, np.atleast_1d(leaf))
         return on_path[0] if np.ndim(leaf) == 0 else on_path
 
     def with_visits(self, X: ArrayLike) -> DecisionTree:
         """Return this tree with ``n_node_samples`` counted on the observations X [batch, features]."""
-        visits = np.bincount(np.atleast_1d(self.apply(X)), minlength=self.n_nodes)
-        for node in np.flatnonzero(~self.is_leaf)[::-1]:
-            visits[node] = visits[self.children_left[node]] + visits[self.children_right[node]]
-        return replace(self, n_node_samples=visits)
+        leaf = np.atleast_1d(self.apply(X))
+        return replace(self, n_node_samples=visits(self.children_left, self.children_right, leaf))
 
-    def prune(self, *, bounds: bool = True, merge: bool = True) -> DecisionTree:
-        """Return the smaller tree that acts the same, knowing bounds and groups: see `sympol.trees.prune`."""
+    def prune(
+        self, *, bounds: bool = True, merge: bool = True, observations: ArrayLike | None = None
+    ) -> DecisionTree:
+        """Return the smaller tree that acts the same, knowing bounds and groups: see `sympol.trees.prune`.
+
+        ``observations`` [batch, features] are all there can be, where they can be listed: then it acts the same
+        on these, and may act differently on others (`sympol.trees.prune_on`).
+        """
         from .prune import prune
+        from .prune_on import prune_on
 
-        return prune(self, bounds=bounds, merge=merge)
+        small = prune(self, bounds=bounds, merge=merge)
+        return small if observations is None else prune_on(small, observations, merge=merge)
 
     def to_text(self, *, digits: int | None = None) -> str:
         """Write the tree for people: see `sympol.trees.text`."""
@@ -302,12 +296,3 @@ class DecisionTree:
     def _lists(self) -> tuple[list[int], list[int], list[int], list[float]]:
         links = self.children_left.tolist(), self.children_right.tolist()
         return *links, self.feature.tolist(), self.threshold.tolist()
-
-    def _leaf_of(self, x: list[float]) -> int:
-        """Descend with one observation; NumPy would take longer over each step than Python over them all."""
-        children_left, children_right, feature, threshold = self._lists
-        node = 0
-        while children_left[node] != NO_CHILD:
-            left = x[feature[node]] <= threshold[node]
-            node = children_left[node] if left else children_right[node]
-        return node

@@ -131,6 +131,12 @@ class MiniGrid:
         planes = jnp.asarray(self.view.planes, jnp.int32)
         return ((seen[:, None] >> planes[None, :]) & 1).astype(jnp.float32).reshape(-1)
 
+    def all_observations(self) -> Float32[np.ndarray, "observations features"] | None:
+        """All there can be, each once, or None where the world is too large: see `sympol.envs.minigrid.reach`."""
+        from .reach import all_observations
+
+        return all_observations(self)
+
     def place(self, x: Int[Array, "*n"], y: Int[Array, "*n"]) -> Int[Array, "*n"]:
         """The index of a cell in the padded grid."""
         return (y + self._padding) * self._width + x + self._padding

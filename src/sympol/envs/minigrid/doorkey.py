@@ -61,5 +61,15 @@ class DoorKey(Task):
         position = jnp.stack([1 + agent // rows, 1 + agent % rows])
         return Start(layout, position, direction, jnp.stack([jnp.stack(thing) for thing in things]))
 
+    def start_draws(self, at_most: int) -> UInt32[np.ndarray, "starts 2"] | None:
+        """Every combination of the choices in `start`."""
+        first = np.arange((self.size - 4) * (self.size - 3) * 4)
+        cells_on_left = (first % (self.size - 4) + 1) * (self.size - 2)
+        nums = cells_on_left * (cells_on_left - 1)
+        if nums.sum() > at_most:
+            return None
+        second = np.concatenate([np.arange(num) for num in nums])
+        return np.stack([np.repeat(first, nums), second], axis=1).astype(np.uint32)
+
 
 TASKS = {f"MiniGrid-DoorKey-{size}x{size}-v0": DoorKey(size) for size in (5, 6, 8, 16)}

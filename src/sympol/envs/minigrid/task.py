@@ -56,6 +56,13 @@ class Task(ABC):
     def start(self, draws: UInt32[Array, " num_draws"]) -> Start:
         """Make a start out of random integers, distributed as Farama's."""
 
+    def start_draws(self, at_most: int) -> UInt32[np.ndarray, "starts num_draws"] | None:
+        """Random integers for every start there is, one row each, or None where there are more than ``at_most``.
+
+        Each integer is as likely as the others that come after the same ones before it.
+        """
+        return None
+
 
 @dataclass(frozen=True)
 class TableTask(Task):
@@ -75,6 +82,11 @@ class TableTask(Task):
         """One index, one row."""
         row = jnp.asarray(self._table)[choice(draws[0], len(self._table))]
         return Start(row[0], row[1:3], row[3], jnp.zeros((0, 3), jnp.int32))
+
+    def start_draws(self, at_most: int) -> UInt32[np.ndarray, "starts 1"] | None:
+        """Every index."""
+        num = len(self._table)
+        return None if num > at_most else np.arange(num, dtype=np.uint32)[:, None]
 
 
 def choice(draw: Draw, num: int) -> Int[Array, ""]:
