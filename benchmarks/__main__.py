@@ -1,9 +1,9 @@
-"""Every benchmark, one after the other: ``make bench``. About twenty minutes on two quiet cores."""
+"""Every benchmark, one after the other: ``make bench``. About half an hour on two quiet cores."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 
-for name in ("hard_tree", "training", "returns"):
+for name in ("hard_tree", "training", "worlds", "returns", "minigrid"):
     subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], check=True)

@@ -1,0 +1,149 @@
+"""How fast experience is gathered: environments in JAX or C++ beside the packages they are twins of.
+
+    python -m benchmarks.worlds [--num-envs N] [--repeats N]
+
+MiniGrid in JAX (`collect`, inside a compiled program, storing each transition as training does) beside Farama's
+package, LunarLander through envpool beside Gymnasium's. Those step as many copies on the host, by SyncVectorEnv or the
+pool, and store nothing. Everywhere the same new tree of depth 5 acts, sampling; on the host it is the extracted one in
+NumPy, the fastest there is for so few observations. Twins in turns, the least of many repeats of each. Writes
+results/worlds.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from sympol.algos.collect import collect, empty_rollout, reset_envs
+from sympol.algos.config import PPOConfig
+from sympol.algos.init import init_state, normalizer_of
+from sympol.algos.state import TrainState
+from sympol.algos.train import COMPILER_OPTIONS
+from sympol.envs.registry import Backend, EnvSpec, resolve
+from sympol.evaluate import sample_actions
+from sympol.policies.distributions import distribution_of
+from sympol.policies.extract import extract_tree
+from sympol.trees import DecisionTree
+
+from .timing import Timing, interleaved, write
+
+MINIGRID = (
+    "MiniGrid-Empty-Random-6x6-v0",
+    "MiniGrid-DoorKey-5x5-v0",
+    "MiniGrid-LavaGapS5-v0",
+    "MiniGrid-LavaGapS7-v0",
+    "MiniGrid-DistShift1-v0",
+)
+TWINS: dict[str, tuple[Backend, Backend]] = {
+    **dict.fromkeys(MINIGRID, ("jax", "host")),
+    "LunarLander-v3": ("envpool", "host"),
+}
+DEPTH = 5
+
+
+def beginning(spec: EnvSpec, config: PPOConfig) -> TrainState:
+    """A policy that has learnt nothing yet; no environments."""
+    normalizer, _ = normalizer_of(spec.features, config)
+    hyper = config.hyperparameters()
+    return jax.jit(partial(init_state, config, distribution_of(spec.action_space), normalizer, hyper))(0)
+
+
+def extracted(spec: EnvSpec, state: TrainState) -> DecisionTree:
+    """The same policy, as it is read."""
+    return extract_tree(
+        state.networks.actor,
+        np.asarray(state.normalizer.shift),
+        np.asarray(state.normalizer.scale),
+        actions=spec.actions,
+        feature_names=spec.features.names,
+        feature_low=spec.features.low,
+        feature_high=spec.features.high,
+        groups=spec.features.groups,
+    )
+
+
+def in_program(spec: EnvSpec, config: PPOConfig) -> Callable[[], Any]:
+    """Gather one whole rollout at each call; the state and the buffer go on from the last one."""
+    env, distribution = spec.env, distribution_of(spec.action_space)
+    assert env is not None
+
+    def gather(state: TrainState, rollout: Any) -> Any:
+        key, collect_key = jax.random.split(jax.random.wrap_key_data(state.key))
+        num_chunks = jax.numpy.int32(1 << config.max_stage)
+        state, rollout = collect(env, distribution, state, rollout, num_chunks, collect_key)
+        return state._replace(key=jax.random.key_data(key)), rollout
+
+    env_state, observation = reset_envs(env, jax.random.key(0), config.num_envs)
+    state = beginning(spec, config)._replace(env_state=env_state, observation=observation)
+    rollout = empty_rollout(len(spec.features.names), distribution, config)
+    now = [state, jax.tree.map(jax.numpy.copy, rollout)]  # it holds one array twice, which cannot be donated
+    compiled = jax.jit(gather, donate_argnums=1).lower(*now).compile(COMPILER_OPTIONS)
+
+    def call() -> Any:
+        now[:] = compiled(*now)
+        return now
+
+    return call
+
+
+def on_host(spec: EnvSpec, config: PPOConfig) -> Callable[[], Any]:
+    """Take the steps of the shortest rollout at each call, going on from the last one."""
+    tree, rng = extracted(spec, beginning(spec, config)), np.random.default_rng(0)
+    envs = spec.host_envs(config.num_envs)
+    now = [envs.reset(seed=0)]
+
+    def call() -> Any:
+        for _ in range(config.chunk_steps):
+            now[0] = envs.step(sample_actions(tree, now[0], rng).astype(np.int32))[1]
+        return now
+
+    return call
+
+
+def steps_per_second(env: str, num_envs: int, repeats: int) -> dict[Backend, dict[str, float]]:
+    """Of each of two twins."""
+    calls, steps = {}, {}
+    for backend in TWINS[env]:
+        spec = resolve(env, backend=backend)
+        if backend == "jax":
+            config = PPOConfig(depth=DEPTH, num_envs=num_envs, total_timesteps=8 * 64 * 16 * num_envs)
+            calls[backend], steps[backend] = in_program(spec, config), config.chunk_size << config.max_stage
+        else:
+            config = PPOConfig(depth=DEPTH, num_envs=num_envs)
+            calls[backend], steps[backend] = on_host(spec, config), config.chunk_size
+    timings: dict[Any, Timing] = interleaved(calls, repeats)
+    return {
+        backend: {"least": steps[backend] / timing.least, "median": steps[backend] / timing.median}
+        for backend, timing in timings.items()
+    }
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--num-envs", type=int, default=32, help="copies of each environment")
+    parser.add_argument("--repeats", type=int, default=20, help="of every variant, in turns")
+    given = parser.parse_args()
+    results = {}
+    table = Table("environment", "steps/s", "", "its twin, steps/s", "", "ratio")
+    for env, twins in TWINS.items():
+        rates = steps_per_second(env, given.num_envs, given.repeats)
+        ours, theirs = (rates[backend]["least"] for backend in twins)
+        results[env] = {"steps_per_second": rates, "ratio": ours / theirs}
+        table.add_row(env, f"{ours:,.0f}", twins[0], f"{theirs:,.0f}", twins[1], f"{ours / theirs:.3g}")
+    Console().print(table)
+    settings = {"depth": DEPTH, "num_envs": given.num_envs, "repeats": given.repeats}
+    print(write("worlds", {"settings": settings, "environments": results}))
+
+
+if __name__ == "__main__":
+    main()
