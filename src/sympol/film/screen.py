@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..trees import DecisionTree
 from ..trees.floats import printable
+from ..trees.plot_boxes import INK, PAPER
 from ..trees.plot_ways import Ways
 
 # pixels
@@ -20,7 +21,6 @@ _MARGIN, _CAPTION, _FONT_SIZE = 12, 34, 17
 _DPI = 92.0
 LARGEST_TREE = 500
 """Nodes; of a larger tree nothing could be made out."""
-_PAPER, _INK = "#FFFFFF", "#222222"
 
 
 class Shot(NamedTuple):
@@ -50,6 +50,15 @@ def env_picture(frame: Image.Image) -> Image.Image:
     return frame if scale == 1 else frame.resize(size, Image.Resampling.HAMMING)
 
 
+@cache
+def font(size: int) -> ImageFont.FreeTypeFont:
+    """Return the font that comes with Matplotlib: it has arrows and ≤, and is the same everywhere."""
+    import matplotlib
+
+    file = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+    return ImageFont.truetype(str(file), size, layout_engine=ImageFont.Layout.BASIC)
+
+
 class Screen:
     """Draws shots of one size.
 
@@ -69,7 +78,7 @@ class Screen:
 
     def draw(self, shot: Shot) -> Image.Image:
         """Draw one shot."""
-        picture = Image.new("RGB", self.size, _PAPER)
+        picture = Image.new("RGB", self.size, PAPER)
         width, height = self.size
         body = height - _CAPTION
         tree = self._tree_picture(shot.observation)
@@ -86,8 +95,8 @@ class Screen:
         y = height - _MARGIN - _CAPTION // 4
         earned = self._fitting(shot.earned, width // 2)
         room = width - 3 * _MARGIN - self._font.getlength(earned)
-        draw.text((_MARGIN, y), self._fitting(shot.said, room), _INK, self._font, anchor="lm")
-        draw.text((width - _MARGIN, y), earned, _INK, self._font, anchor="rm")
+        draw.text((_MARGIN, y), self._fitting(shot.said, room), INK, self._font, anchor="lm")
+        draw.text((width - _MARGIN, y), earned, INK, self._font, anchor="rm")
 
     def _fitting(self, words: str, width: float) -> str:
         words = printable(words)[:200]
@@ -95,12 +104,9 @@ class Screen:
             words = words[:-2] + "…"
         return words
 
-    @cached_property
+    @property
     def _font(self) -> ImageFont.FreeTypeFont:
-        import matplotlib
-
-        font = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-        return ImageFont.truetype(str(font), _FONT_SIZE, layout_engine=ImageFont.Layout.BASIC)
+        return font(_FONT_SIZE)
 
     def _tree_picture(self, observation: np.ndarray | None) -> Image.Image | None:
         if self._tree is None or self._ways is None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 _NOT_ASKED, _GRID_LINE = "#F3F3F3", "#C4C4C4"
-_LARGEST_CELL, _SMALLEST_CELL, _GRID, _LARGEST_GRID = 0.25, 0.13, 0.75, 3.0  # inches
+LARGEST_CELL, _SMALLEST_CELL, _GRID, _LARGEST_GRID = 0.25, 0.13, 0.75, 3.0  # inches
 
 
 class _Line(NamedTuple):
@@ -47,7 +47,7 @@ class ViewBox:
 
     @property
     def _cell_size(self) -> float:
-        return min(_LARGEST_CELL, max(_SMALLEST_CELL, _GRID / self.side), _LARGEST_GRID / self.side)
+        return min(LARGEST_CELL, max(_SMALLEST_CELL, _GRID / self.side), _LARGEST_GRID / self.side)
 
     @property
     def size(self) -> tuple[float, float]:
@@ -87,7 +87,7 @@ class ViewBox:
     ) -> None:
         points = corner + (line.points + np.array(cell[::-1])) * self._cell_size
         # lines as strong in a small cell as in a large one would fill it
-        width = line.width * self._cell_size / _LARGEST_CELL
+        width = line.width * self._cell_size / LARGEST_CELL
         pen.lines(points, line.fill, line.line, width)
 
     def _write_category(self, pen: Pen, corner: Float[np.ndarray, " 2"]) -> None:

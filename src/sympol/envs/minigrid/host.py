@@ -16,6 +16,7 @@ from gymnasium.utils import RecordConstructorArgs
 from jaxtyping import Float32
 from minigrid.envs.distshift import DistShiftEnv
 
+from .cells import OBJECTS
 from .distshift import Layout, random_layouts
 from .view import View
 
@@ -98,6 +99,13 @@ def _matching(pinned: Mapping[str, Any]) -> list[Layout]:
             f"agent's (1, 1)), or both, got {dict(pinned)}; sympol.envs.minigrid.random_layouts() lists them all"
         )
     return found
+
+
+def rows_of(env: gymnasium.Env) -> list[list[str]]:
+    """Say what is in every cell of a MiniGrid now, the agent left out, row by row from the top."""
+    world: Any = env.unwrapped
+    objects = world.grid.encode()[:, :, 0].T
+    return [[OBJECTS[int(number)] for number in row] for row in objects]
 
 
 def make(env_id: str, view: View, *, all_actions: bool = False, **kwargs: Any) -> gymnasium.Env:
