@@ -150,7 +150,8 @@ class PPOConfig:
     """Weight of the entropy bonus."""
 
     ent_end_factor: float = 1.0
-    """The entropy bonus falls linearly to this fraction of itself; 1 keeps it."""
+    """The entropy bonus moves linearly to this fraction of itself; 1 keeps it. Below 0 it ends as a price: what the tree
+    does then no longer depends on its noise."""
 
     vf_coef: float = 0.5
     """Weight of the critic's loss."""
@@ -265,7 +266,7 @@ _RANGES: tuple[tuple[str, float, float], ...] = (
     ("gae_lambda", 0, 1),
     ("clip_eps", 1e-6, 100),
     ("ent_coef", 0, 100),
-    ("ent_end_factor", 0, 1),
+    ("ent_end_factor", -100, 1),
     ("vf_coef", 0, 100),
     ("log_std_init", -10, 3),
     ("reward_scale", 1e-9, 1e9),
