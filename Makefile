@@ -14,9 +14,14 @@ help:            ## what there is
 	.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
+# large, and needed for LunarLander alone
+.venv/.envpool: .venv/.installed
+	.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[envpool]'
+	@touch $@
+
 install: .venv/.installed  ## make .venv and install everything into it
 
-train: install   ## train a tree: make train ENV=Pendulum-v1 ARGS='--seed 1'
+train: $(if $(filter LunarLander%,$(ENV)),.venv/.envpool,install)  ## train a tree: make train ENV=Pendulum-v1 ARGS='--seed 1'
 	.venv/bin/sympol train $(ENV) $(ARGS)
 
 lint: install    ## ruff and pyright
@@ -27,7 +32,7 @@ lint: install    ## ruff and pyright
 docs: install    ## the documentation, into site/; a broken link is an error
 	.venv/bin/mkdocs build --strict --quiet
 
-test: lint docs  ## everything CI runs
+test: .venv/.envpool lint docs  ## everything CI runs
 	.venv/bin/pytest -n 2 --dist loadfile
 
 bench: install   ## measure what is claimed to be fast, into results/

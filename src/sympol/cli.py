@@ -19,8 +19,9 @@ sympol: reinforcement learning whose policy is a decision tree you can read
   sympol export RUN            the tree as a program: python, json, text, svg, pdf, png
   sympol resume RUN            go on with an interrupted training
 
-Each has --help. Environments: any Gymnasium id; CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0 and
-MountainCarContinuous-v0 train inside one compiled program.
+Each has --help. Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
+MountainCarContinuous-v0 and most of MiniGrid (MiniGrid-DoorKey-5x5-v0, ...) train inside one compiled
+program, LunarLander-v3 through envpool where that is installed.
 """
 
 

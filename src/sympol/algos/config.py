@@ -150,8 +150,8 @@ class PPOConfig:
     """Weight of the entropy bonus."""
 
     ent_end_factor: float = 1.0
-    """The entropy bonus moves linearly to this fraction of itself; 1 keeps it. Below 0 it ends as a price: what the tree
-    does then no longer depends on its noise."""
+    """The entropy bonus moves linearly to this fraction of itself; 1 keeps it. Below 0 it ends as a price, so that the
+    tree learns to do without its noise."""
 
     vf_coef: float = 0.5
     """Weight of the critic's loss."""

@@ -92,6 +92,7 @@ def print_next(path: Path) -> None:
     for command, what in (
         (f"{sympol} show {run}", "this tree again"),
         (f"{sympol} eval {run} --episodes 100 --seed 7", "more test episodes"),
+        (f"{sympol} watch {run}", "a film of an episode beside the tree"),
         (f"{sympol} export {run} --to python", "the policy as a program without dependencies"),
     ):
         out.print(f"  {command:<55} {what}", style="dim", markup=False)

@@ -58,6 +58,7 @@ _MADE = (
     "tree.txt",
     "tree.svg",
     "summary.json",
+    "episode.gif",
 )
 
 
