@@ -28,7 +28,7 @@ from sympol.envs.registry import EnvSpec
 from sympol.evaluate import episode_seed, play
 from sympol.trees import DecisionTree
 
-from .timing import write
+from .timing import write_environments
 
 PAPER = {  # mean return, table of the paper
     "MiniGrid-Empty-Random-6x6-v0": 0.964,
@@ -128,7 +128,7 @@ def main() -> None:
         table.add_row(env.removeprefix("MiniGrid-"), *cells(results[env]))
     Console().print(table)
     settings = {"episodes": given.episodes, "test_seed": TEST_SEED, "preset": "default", **options}
-    print(write("minigrid", {"settings": settings, "environments": results}))
+    print(write_environments("minigrid", settings, results))
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What the trees earn: five trainings from scratch an environment, twenty test episodes each, on Gymnasium.
+"""What the trees earn: five trainings from scratch an environment, a hundred test episodes each, on Gymnasium.
 
     python -m benchmarks.returns [ENV ...]
 
@@ -18,16 +18,17 @@ from rich.table import Table
 import sympol
 from sympol.evaluate import play
 
-from .timing import write
+from .timing import write_environments
 
 PAPER = {  # mean return and nodes, tables of the paper
     "CartPole-v1": (500, 39.4),
     "Acrobot-v1": (-79.9, 78.6),
     "MountainCarContinuous-v0": (94.3, 23.4),
     "Pendulum-v1": (-323.3, 56.2),
+    "LunarLander-v3": (-57.4, 55.0),
 }
 SEEDS = range(5)
-EPISODES = 20
+EPISODES = 100
 TEST_SEED = 2026
 
 
@@ -89,7 +90,7 @@ def main() -> None:
         )
     Console().print(table)
     settings = {"episodes": EPISODES, "test_seed": TEST_SEED, "preset": "default"}
-    print(write("returns", {"settings": settings, "environments": results}))
+    print(write_environments("returns", settings, results))
 
 
 if __name__ == "__main__":

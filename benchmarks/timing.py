@@ -83,13 +83,33 @@ def write(name: str, results: Mapping[str, Any]) -> Path:
     return path
 
 
+def write_environments(
+    name: str, settings: Mapping[str, Any], measured: Mapping[str, Mapping[str, Any]]
+) -> Path:
+    """Write what was measured of some environments; of the others stays what results/``name``.json has.
+
+    Each says when and at which commit it was measured, with which settings.
+    """
+    path = ROOT / "results" / f"{name}.json"
+    before = (
+        json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"machine": {}, "environments": {}}
+    )
+    older = {
+        env: {"measured": {key: before["machine"].get(key) for key in ("date", "commit")}, **result}
+        for env, result in before["environments"].items()
+    }
+    now = {key: machine()[key] for key in ("date", "commit")}
+    newer = {env: {"measured": {**now, **settings}, **result} for env, result in measured.items()}
+    return write(name, {"environments": {**older, **newer}})
+
+
 def _commit() -> str:
     """The commit, with a mark if src/ or benchmarks/ hold something else."""
 
     def git(*arguments: str) -> str:
         return subprocess.run(("git", *arguments), cwd=ROOT, capture_output=True, text=True).stdout.strip()
 
-    changed = git("status", "--porcelain", "--", "src/sympol/functional", "benchmarks")
+    changed = git("status", "--porcelain", "--", "src", "benchmarks")
     return git("rev-parse", "HEAD") + (" (changed)" if changed else "")
 
 
