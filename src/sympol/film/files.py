@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -120,7 +121,10 @@ def _write_mp4(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequen
     )
     command = [_ffmpeg(), "-y", "-loglevel", "error", *source.split(), *coded.split(), str(path)]
     with tempfile.TemporaryFile() as said:
-        running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
+        with warnings.catch_warnings():
+            # JAX warns of any fork; the child becomes ffmpeg at once and touches nothing of JAX
+            warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
+            running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
         with contextlib.suppress(BrokenPipeError), running:  # if it breaks, it says why below
             assert running.stdin is not None
             for picture, time in zip(pictures, milliseconds, strict=True):
