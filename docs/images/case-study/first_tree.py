@@ -87,12 +87,17 @@ def _seen(x):
 
 
 def _node_0(x, see):
-    if see['front-left'] == 'empty':
-        return 2  # move forward
-    elif see['front'] == 'wall':
-        return 0  # turn left
+    if see['front'] == 'empty':
+        if see['2 ahead, 1 right'] == 'lava':
+            return 1  # turn right
+        elif see['left'] == 'wall':
+            return 1  # turn right
+        else:
+            return 2  # move forward
     elif see['2 ahead'] == 'lava':
         return 1  # turn right
+    elif see['front'] == 'wall':
+        return 0  # turn left
     else:
         return 2  # move forward
 

@@ -87,16 +87,34 @@ def _seen(x):
 
 
 def _node_0(x, see):
-    if see['right'] == 'goal':
-        return 1  # turn right
+    if see['2 ahead'] == 'lava':
+        if see['front'] == 'lava':
+            return 1  # turn right
+        else:
+            return 2  # move forward
     elif see['front'] == 'goal':
         return 2  # move forward
-    elif see['2 ahead'] == 'goal':
+    elif see['right'] == 'goal':
+        if see['front'] == 'wall':
+            if see['left'] == 'lava':
+                return 1  # turn right
+            elif see['left'] == 'empty':
+                return 1  # turn right
+            else:
+                return 2  # move forward
+        else:
+            return 1  # turn right
+    elif see['front-right'] == 'goal':
         return 2  # move forward
-    elif see['2 ahead'] == 'empty':
-        return 2  # move forward
-    else:
+    elif see['left'] == 'goal':
         return 0  # turn left
+    elif see['2 ahead, 1 left'] == 'wall':
+        if see['2 ahead, 1 right'] == 'wall':
+            return 0  # turn left
+        else:
+            return 1  # turn right
+    else:
+        return 2  # move forward
 
 
 if __name__ == "__main__":
