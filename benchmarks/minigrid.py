@@ -24,7 +24,7 @@ from tests.envs.minigrid_worlds import optimal_returns
 import sympol
 from sympol.envs.minigrid import MiniGrid
 from sympol.envs.minigrid.reach import all_starts, explore, keys, observe_all
-from sympol.envs.registry import EnvSpec
+from sympol.envs.spec import EnvSpec
 from sympol.evaluate import episode_seed, play
 from sympol.trees import DecisionTree
 

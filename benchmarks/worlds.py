@@ -26,7 +26,8 @@ from sympol.algos.config import PPOConfig
 from sympol.algos.init import init_state, normalizer_of
 from sympol.algos.state import TrainState
 from sympol.algos.train import COMPILER_OPTIONS
-from sympol.envs.registry import Backend, EnvSpec, resolve
+from sympol.envs.registry import resolve
+from sympol.envs.spec import Backend, EnvSpec
 from sympol.evaluate import sample_actions
 from sympol.policies.distributions import distribution_of
 from sympol.policies.extract import extract_tree

@@ -19,7 +19,8 @@ from .algos.state import TrainState
 from .algos.train import Trainer, make_trainer, stops
 from .compilation import use_disk_cache
 from .envs.host import EnvironmentFailure
-from .envs.registry import Backend, EnvSpec, resolve
+from .envs.registry import resolve
+from .envs.spec import Backend, EnvSpec
 from .evaluate import fitted_actions, sample_actions
 from .policies.extract import extract_tree
 from .runs.folder import Run

@@ -10,7 +10,8 @@ import gymnasium
 import numpy as np
 
 from .envs.env import MAX_EPISODE_STEPS
-from .envs.registry import EnvSpec, resolve
+from .envs.registry import resolve
+from .envs.spec import EnvSpec
 from .trees import DecisionTree
 from .trees.actions import BoxActions
 

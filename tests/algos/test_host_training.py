@@ -16,7 +16,8 @@ from sympol.algos.config import PPOConfig
 from sympol.algos.state import TrainState
 from sympol.algos.train import HostTrainer, Trainer, make_trainer
 from sympol.envs.host import EnvironmentFailure
-from sympol.envs.registry import EnvSpec, resolve
+from sympol.envs.registry import resolve
+from sympol.envs.spec import EnvSpec
 from sympol.policies.distributions import distribution_of
 
 CONFIG = PPOConfig(

@@ -17,7 +17,8 @@ import pytest
 from scipy import stats
 
 from sympol.envs.pool import PoolEnvs
-from sympol.envs.registry import EnvSpec, resolve
+from sympol.envs.registry import resolve
+from sympol.envs.spec import EnvSpec
 
 NUM_ENVS, EPISODES_EACH = 50, 4
 LEVEL = 0.01

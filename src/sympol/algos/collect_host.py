@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from ..envs.env import MAX_EPISODE_STEPS
 from ..envs.host import EnvironmentFailure
-from ..envs.registry import EnvSpec
+from ..envs.spec import EnvSpec
 from ..policies.distributions import Distribution
 from ..policies.tree import RolloutTree, Tree
 from ..types import Transition

@@ -23,7 +23,7 @@ from jaxtyping import Int
 
 from ..envs.env import Env
 from ..envs.host import EnvironmentFailure
-from ..envs.registry import EnvSpec
+from ..envs.spec import EnvSpec
 from ..functional.schedules import stage
 from ..policies.distributions import Distribution, distribution_of
 from ..types import Transition

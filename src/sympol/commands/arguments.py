@@ -16,7 +16,7 @@ import tyro
 
 from ..algos.config import PPOConfig
 from ..algos.presets import DEFAULT, preset
-from ..envs.registry import Backend
+from ..envs.spec import Backend
 
 Text = tyro.conf.Positional[str]
 Folder = tyro.conf.Positional[Path]

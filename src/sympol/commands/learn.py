@@ -16,7 +16,7 @@ from .. import STARTED
 from ..agents import PPO, Report
 from ..envs import pool
 from ..envs.host import EnvironmentFailure
-from ..envs.registry import EnvSpec
+from ..envs.spec import EnvSpec
 from ..evaluate import play
 from ..runs.folder import Run, versions
 from ..runs.metrics import TensorBoard

@@ -11,7 +11,7 @@ import gymnasium
 from PIL import Image
 
 from ..envs.env import MAX_EPISODE_STEPS
-from ..envs.registry import EnvSpec
+from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
 from .files import check, write
 from .rendering import frame_of, rendering

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from PIL import Image
 
-from ..envs.registry import EnvSpec
+from ..envs.spec import EnvSpec
 
 
 class CannotRender(ValueError):

@@ -29,7 +29,8 @@ from .. import __version__
 from ..algos.config import ConfigError, PPOConfig
 from ..algos.state import TrainState
 from ..envs import pool
-from ..envs.registry import EnvSpec, UnknownEnvironment, resolve
+from ..envs.registry import UnknownEnvironment, resolve
+from ..envs.spec import EnvSpec
 from ..trees import DecisionTree, Group
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
 from .metrics import MetricsFile
