@@ -23,7 +23,7 @@ from sympol.policies.distributions import distribution_of
 from sympol.runs.folder import versions
 from sympol.trees import DecisionTree
 
-from .timing import write
+from .timing import write_environments
 
 SPECIAL = np.float32([0, -0.0, 1e-40, -1e-40, 1.1754942e-38, 1.1754944e-38, -1.1754944e-38, 1e-20, -1e-20])
 NUM_OBSERVATIONS = 1_000_000
@@ -127,10 +127,10 @@ def measure(run: Path) -> dict[str, Any]:
 
 
 def main(runs: list[str]) -> None:
-    results = [measure(Path(run)) for run in runs]
-    for result in results:
-        print(f"{result['env']} seed {result['seed']}: {result['disagreements']}")
-    print(f"written to {write('no_loss', {'seed': SEED, 'versions': versions(), 'runs': results})}")
+    results = {result["env"]: result for result in map(measure, map(Path, runs))}
+    for env, result in results.items():
+        print(f"{env} seed {result['seed']}: {result['disagreements']}")
+    print(f"written to {write_environments('no_loss', {'versions': versions()}, results)}")
 
 
 if __name__ == "__main__":
