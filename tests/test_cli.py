@@ -55,8 +55,10 @@ def test_train_shows_the_tree_its_return_and_what_to_do_next(tmp_path, capsys):
     said = capsys.readouterr().out
     summary = read_summary(path)
     assert said.startswith((path / "tree.txt").read_text())
+    n = 1 if abs(summary["return_mean"]) >= 10 else 3
     assert (
-        f"return   {summary['return_mean']:,.1f} ± {summary['return_std']:,.1f} over 3 test episodes" in said
+        f"return   {summary['return_mean']:,.{n}f} ± {summary['return_std']:,.{n}f} over 3 test episodes"
+        in said
     )
     assert f"size     {summary['nodes']} nodes" in said
     for command in ("show", "eval", "export"):
@@ -117,7 +119,10 @@ def test_eval_repeats_itself(run, capsys):
         result["return_std"],
     )
     assert status_of("eval", run, "--episodes", "5") == 0
-    words = f"CartPole-v1: return {result['return_mean']:,.2f} ± {result['return_std']:,.2f} over 5 episodes"
+    n = 1 if abs(result["return_mean"]) >= 10 else 3
+    words = (
+        f"CartPole-v1: return {result['return_mean']:,.{n}f} ± {result['return_std']:,.{n}f} over 5 episodes"
+    )
     assert capsys.readouterr().out == f"{words} (seed 7)\n"
 
 

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from ..evaluate import evaluate_policy
 from ..runs.folder import Run, RunError
+from ..runs.progress import decimals
 from .arguments import Eval, Export, Show, parse
 from .say import err, one_line_errors, out, summary_words
 
@@ -30,8 +31,9 @@ def evaluate(arguments: Sequence[str]) -> int:
     if given.json:
         print(json.dumps(result))
     else:
+        n = decimals(mean)
         out.print(
-            f"{escape(spec.name)}: return [bold]{mean:,.2f}[/] ± {std:,.2f} over {given.episodes} episodes "
+            f"{escape(spec.name)}: return [bold]{mean:,.{n}f}[/] ± {std:,.{n}f} over {given.episodes} episodes "
             f"(seed {given.seed})"
         )
     return 0

@@ -18,6 +18,7 @@ from rich.markup import escape
 
 from ..envs.host import EnvironmentFailure
 from ..runs.folder import RunError
+from ..runs.progress import decimals
 
 out = Console(soft_wrap=True, highlight=False, emoji=False)
 err = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
@@ -65,10 +66,11 @@ def summary_words(summary: dict[str, Any]) -> str:
     """What a run earned, its size and its time; everything put in is a number."""
     lines = [""]
     if "return_mean" in summary:
+        n = decimals(summary["return_mean"])
         lines.append(
-            f"return   [bold]{summary['return_mean']:,.1f}[/] ± {summary['return_std']:,.1f} over "
+            f"return   [bold]{summary['return_mean']:,.{n}f}[/] ± {summary['return_std']:,.{n}f} over "
             f"{summary['episodes']:,} test episodes on Gymnasium (sampling its actions: "
-            f"{summary['sampled_return_mean']:,.1f})"
+            f"{summary['sampled_return_mean']:,.{n}f})"
         )
     lines.append(
         f"size     [bold]{summary['nodes']:,}[/] nodes, {summary['leaves']:,} leaves, depth {summary['depth']:,} "

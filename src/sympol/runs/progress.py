@@ -17,6 +17,11 @@ from rich.progress import (
 )
 
 
+def decimals(mean: float) -> int:
+    """How many to write of a return: where it is about 1 (MiniGrid), the third still matters."""
+    return 1 if abs(mean) >= 10 else 3
+
+
 class ProgressBar:
     """Steps done and left, the deterministic tree's validation return, speed."""
 
@@ -37,10 +42,11 @@ class ProgressBar:
 
     def update(self, metrics: Mapping[str, float]) -> None:
         """Show the newest numbers."""
+        earned, fps = metrics["eval/mean_reward"], metrics["time/fps"]
         self._progress.update(
             self._task,
             completed=min(int(metrics["time/total_timesteps"]), self._total),
-            note=f"return {metrics['eval/mean_reward']:,.1f} · {metrics['time/fps']:,.0f} steps/s",
+            note=f"return {earned:,.{decimals(earned)}f} · {fps:,.0f} steps/s",
         )
 
     def __enter__(self) -> Self:
