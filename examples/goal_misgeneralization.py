@@ -181,10 +181,8 @@ def report(studies, env, out, seed):
 def main(out: Path = Path("case-study"), docs: Path | None = None, seed: int = 0, total_timesteps: int = 0):
     """Train two trees, read and test them."""
     out.mkdir(parents=True, exist_ok=True)
-    spec = sympol.resolve(RANDOM)
-    # one world needs few questions; a tree that could ask more would learn that world by heart
-    tasks = (("first", FIXED, 3), ("second", RANDOM, 8))
-    env, seen = spec.make_host(render_mode="rgb_array"), spec.all_observations()
+    env, seen = (spec := sympol.resolve(RANDOM)).make_host(render_mode="rgb_array"), spec.all_observations()
+    tasks = ("first", FIXED, 3), ("second", RANDOM, 8)  # a deep first tree would learn its one world by heart
     studies = [study(*task, env, seen, seed, total_timesteps) for task in tasks]
     with say.status("drawing"):
         page = "\n".join(report(studies, env, out, seed))

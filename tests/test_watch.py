@@ -320,6 +320,7 @@ def test_an_mp4_without_a_codec_says_what_to_install(tmp_path, monkeypatch):
         sympol.watch(walker(), Walk, tmp_path / "a.mp4")
 
 
+@pytest.mark.filterwarnings(r"ignore:os\.fork\(\) was called:RuntimeWarning")  # what reads it is a fork, too
 def test_an_mp4_can_be_read_again(tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "a.mp4"

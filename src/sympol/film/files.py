@@ -119,11 +119,11 @@ def _write_mp4(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequen
     coded = (
         "-an -c:v libx264 -crf 20 -pix_fmt yuv420p -movflags +faststart -fflags +bitexact -flags:v +bitexact"
     )
-    command = [_ffmpeg(), "-y", "-loglevel", "error", *source.split(), *coded.split(), str(path)]
     with tempfile.TemporaryFile() as said:
         with warnings.catch_warnings():
             # JAX warns of any fork; the child becomes ffmpeg at once and touches nothing of JAX
             warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
+            command = [_ffmpeg(), "-y", "-loglevel", "error", *source.split(), *coded.split(), str(path)]
             running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
         with contextlib.suppress(BrokenPipeError), running:  # if it breaks, it says why below
             assert running.stdin is not None
