@@ -25,7 +25,7 @@ import sympol
 from sympol.envs.minigrid import MiniGrid
 from sympol.envs.minigrid.reach import all_starts, explore, keys, observe_all
 from sympol.envs.spec import EnvSpec
-from sympol.evaluate import episode_seed, play
+from sympol.play import episode_seed, play
 from sympol.trees import DecisionTree
 
 from .timing import write_environments

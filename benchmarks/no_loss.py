@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 import sympol
-from sympol.evaluate import play
+from sympol.play import play
 from sympol.policies.distributions import distribution_of
 from sympol.runs.folder import versions
 from sympol.trees import DecisionTree

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 import sympol
-from sympol.evaluate import play
+from sympol.play import play
 
 from .timing import write_environments
 

@@ -28,7 +28,7 @@ from sympol.algos.state import TrainState
 from sympol.algos.train import COMPILER_OPTIONS
 from sympol.envs.registry import resolve
 from sympol.envs.spec import Backend, EnvSpec
-from sympol.evaluate import sample_actions
+from sympol.play import sample_actions
 from sympol.policies.distributions import distribution_of
 from sympol.policies.extract import extract_tree
 from sympol.trees import DecisionTree

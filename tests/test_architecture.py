@@ -21,10 +21,11 @@ BELOW: dict[str, set[str]] = {
     "envs": {"types", "trees"},
     "policies": {"types", "functional", "trees"},
     "algos": {"types", "functional", "policies", "envs", "trees"},
-    "distill": {"types", "functional", "policies", "envs", "trees", "algos"},
+    "distill": {"types", "functional", "policies", "envs", "trees", "algos", "play"},
     "compilation": set(),
     "film": {"types", "envs", "trees"},
-    "evaluate": {"types", "envs", "trees", "film"},
+    "play": {"envs", "trees"},
+    "evaluate": {"types", "envs", "trees", "film", "play"},
     "runs": {"types", "envs", "trees", "algos"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""

@@ -14,7 +14,7 @@ from sympol.algos.collect_host import host_seed
 from sympol.envs.host import HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
-from sympol.evaluate import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
+from sympol.play import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 
 from .tiny import Chain
@@ -83,6 +83,16 @@ def test_training_validation_and_test_share_no_seed():
     assert len(given["validation"]) == 50 * 8
     assert not test & given["train"]
     assert not test & given["validation"]
+
+
+def test_purposes_share_no_episode_with_tests():
+    seeds = {
+        purpose: {episode_seed(seed, episode, purpose) for seed in range(50) for episode in range(200)}
+        for purpose in ("test", "validation", "distill")
+    }
+    assert all(len(of_one) > 9_990 for of_one in seeds.values())  # of 2³¹: hardly any met by chance
+    assert not seeds["test"] & (seeds["validation"] | seeds["distill"])
+    assert len(seeds["validation"] & seeds["distill"]) < 10
     assert not given["train"] & given["validation"]
     # not by luck: the ones are odd, the others even
     assert {seed % 2 for seed in test} == {1}

@@ -15,7 +15,7 @@ from benchmarks import no_loss, timing
 
 import sympol
 from sympol.algos.init import init_state, normalizer_of
-from sympol.evaluate import play
+from sympol.play import play
 from sympol.policies.distributions import distribution_of
 
 from .envs.probes import MultiDiscreteMatch

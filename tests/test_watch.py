@@ -20,9 +20,9 @@ import sympol
 from sympol.algos.config import PPOConfig
 from sympol.cli import main
 from sympol.envs.registry import resolve
-from sympol.evaluate import play
 from sympol.film import files, record, screen
 from sympol.film.rendering import rendering
+from sympol.play import play
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree, DiscreteActions
 from sympol.trees.plot_ways import Ways
@@ -172,9 +172,13 @@ def test_anything_with_predict_is_watched_without_a_tree(tmp_path):
 def test_an_agent_knows_what_to_play_on(tmp_path):
     class Agent:
         spec = resolve(Walk)
+        has_tree = True
 
         def tree(self, *, prune=True):
             return walker()
+
+        def act(self, x, *, deterministic, rng):
+            return walker().predict(x)
 
     assert sympol.watch(Agent(), path=tmp_path / "a.gif").lengths == [6]  # pyright: ignore
     with pytest.raises(ValueError, match="env must be given"):

@@ -21,7 +21,7 @@ from .compilation import use_disk_cache
 from .envs.host import EnvironmentFailure
 from .envs.registry import resolve
 from .envs.spec import Backend, EnvSpec
-from .evaluate import fitted_actions, sample_actions
+from .play import acting
 from .policies.extract import extract_tree
 from .runs.folder import Run
 from .runs.progress import ProgressBar
@@ -182,12 +182,17 @@ class PPO:
             ValueError: an observation that does not fit the observation space.
         """
         x = self.spec.features.flatten(observation)
-        tree = self.tree(prune=False)
-        space = self.spec.action_space
-        if deterministic:
-            return fitted_actions(tree.predict(x), space), None
-        action = fitted_actions(sample_actions(tree, np.atleast_2d(x), self._rng), space)
-        return (action[0] if x.ndim == 1 else action), None
+        actions = self.act(np.atleast_2d(x), deterministic=deterministic, rng=self._rng)
+        return (actions[0] if x.ndim == 1 else actions), None
+
+    @property
+    def has_tree(self) -> bool:
+        """Whether the policy is a tree, so that `tree` can give it."""
+        return True
+
+    def act(self, x: np.ndarray, *, deterministic: bool, rng: np.random.Generator) -> np.ndarray:
+        """Actions for flat observations ``[batch, features]``, as the environment takes them."""
+        return acting(self.tree(prune=False), self.spec, deterministic, rng)(x)
 
     def tree(self, *, prune: bool = True) -> DecisionTree:
         """The policy: of the trees validated, the best (``select_best``), or the last.

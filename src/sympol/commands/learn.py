@@ -17,7 +17,7 @@ from ..agents import PPO, Report
 from ..envs import pool
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
-from ..evaluate import play
+from ..play import play
 from ..runs.folder import Run, versions
 from ..runs.metrics import TensorBoard
 from .say import err, out, print_error, print_next, summary_words, warnings_in_one_line
