@@ -84,6 +84,9 @@ def test_training_validation_and_test_share_no_seed():
     assert not test & given["train"]
     assert not test & given["validation"]
     assert not given["train"] & given["validation"]
+    # not by luck: the ones are odd, the others even
+    assert {seed % 2 for seed in test} == {1}
+    assert {seed % 2 for seed in given["train"] | given["validation"]} == {0}
 
 
 def test_purposes_share_no_episode_with_tests():
@@ -94,9 +97,6 @@ def test_purposes_share_no_episode_with_tests():
     assert all(len(of_one) > 9_990 for of_one in seeds.values())  # of 2³¹: hardly any met by chance
     assert not seeds["test"] & (seeds["validation"] | seeds["distill"])
     assert len(seeds["validation"] & seeds["distill"]) < 10
-    # not by luck: the ones are odd, the others even
-    assert {seed % 2 for seed in test} == {1}
-    assert {seed % 2 for seed in given["train"] | given["validation"]} == {0}
 
 
 class Endless(gymnasium.Env):
