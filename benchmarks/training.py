@@ -24,7 +24,7 @@ import jax
 import numpy as np
 
 from sympol.algos.collect import collect, empty_rollout
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.ppo import learn
 from sympol.algos.presets import preset
 from sympol.algos.train import CompiledTrainer, stops
@@ -70,7 +70,7 @@ def whole_runs(repeats: int) -> dict[str, Any]:
 
 def seconds_until_solved(seeds: range) -> list[float | None]:
     """Training seconds, validations included, until 100 validation episodes first average 475 or more."""
-    config = PPOConfig.from_dict({**preset(ENV), "num_eval_episodes": 100})
+    config = Config.from_dict({**preset(ENV), "num_eval_episodes": 100})
     env = resolve(ENV).env
     assert env is not None
     times: list[float | None] = []
@@ -92,7 +92,7 @@ def seconds_until_solved(seeds: range) -> list[float | None]:
 
 def split() -> dict[str, float]:
     """Nanoseconds an environment step of each part, at the longest rollout, each compiled alone."""
-    config = PPOConfig.from_dict(preset(ENV))
+    config = Config.from_dict(preset(ENV))
     env = resolve(ENV).env
     assert env is not None
     distribution, hyper = distribution_of(env.action_space), config.hyperparameters()

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from sympol.algos.collect import collect, empty_rollout, reset_envs
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.init import init_state, normalizer_of
 from sympol.algos.state import TrainState
 from sympol.algos.train import COMPILER_OPTIONS
@@ -49,7 +49,7 @@ TWINS: dict[str, tuple[Backend, Backend]] = {
 DEPTH = 5
 
 
-def beginning(spec: EnvSpec, config: PPOConfig) -> TrainState:
+def beginning(spec: EnvSpec, config: Config) -> TrainState:
     """A policy that has learnt nothing yet; no environments."""
     normalizer, _ = normalizer_of(spec.features, config)
     hyper = config.hyperparameters()
@@ -70,7 +70,7 @@ def extracted(spec: EnvSpec, state: TrainState) -> DecisionTree:
     )
 
 
-def in_program(spec: EnvSpec, config: PPOConfig) -> Callable[[], Any]:
+def in_program(spec: EnvSpec, config: Config) -> Callable[[], Any]:
     """Gather one whole rollout at each call; the state and the buffer go on from the last one."""
     env, distribution = spec.env, distribution_of(spec.action_space)
     assert env is not None
@@ -94,7 +94,7 @@ def in_program(spec: EnvSpec, config: PPOConfig) -> Callable[[], Any]:
     return call
 
 
-def on_host(spec: EnvSpec, config: PPOConfig) -> Callable[[], Any]:
+def on_host(spec: EnvSpec, config: Config) -> Callable[[], Any]:
     """Take the steps of the shortest rollout at each call, going on from the last one."""
     tree, rng = extracted(spec, beginning(spec, config)), np.random.default_rng(0)
     envs = spec.host_envs(config.num_envs)
@@ -114,10 +114,10 @@ def steps_per_second(env: str, num_envs: int, repeats: int) -> dict[Backend, dic
     for backend in TWINS[env]:
         spec = resolve(env, backend=backend)
         if backend == "jax":
-            config = PPOConfig(depth=DEPTH, num_envs=num_envs, total_timesteps=8 * 64 * 16 * num_envs)
+            config = Config(depth=DEPTH, num_envs=num_envs, total_timesteps=8 * 64 * 16 * num_envs)
             calls[backend], steps[backend] = in_program(spec, config), config.chunk_size << config.max_stage
         else:
-            config = PPOConfig(depth=DEPTH, num_envs=num_envs)
+            config = Config(depth=DEPTH, num_envs=num_envs)
             calls[backend], steps[backend] = on_host(spec, config), config.chunk_size
     timings: dict[Any, Timing] = interleaved(calls, repeats)
     return {

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import sympol
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.commands import COMMANDS
 from sympol.runs.folder import Run
 from sympol.runs.metrics import COLUMNS, TensorBoard
@@ -185,7 +185,7 @@ def test_help(command, capsys):
     said = capsys.readouterr().out
     assert f"usage: sympol {command}" in said
     if command == "train":
-        for field in dataclasses.fields(PPOConfig):
+        for field in dataclasses.fields(Config):
             assert f"--{field.name}".replace("_", "-") in said
         assert "(default: 0.01)" in said
 
@@ -205,7 +205,7 @@ def test_every_field_is_a_flag(tmp_path, monkeypatch):
     """Each is set to something new; the last check stops the command before it trains."""
     new: dict[str, object] = {"surrogate": "softsign", "critic": "tree", "critic_hidden": (7, 9), "depth": 4}
     words = []
-    for field in dataclasses.fields(PPOConfig):
+    for field in dataclasses.fields(Config):
         value = new.get(field.name)
         if value is None:
             old = field.default
@@ -236,7 +236,7 @@ def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
         (["CartPole-v1", "--preset", "paper"], ["--preset=paper", "--seed", "3", "CartPole-v1"])
     ):
         assert status_of("train", *words, "--gamma", "0.5", "--run-dir", tmp_path / str(i)) == 0
-    expected = PPOConfig.from_dict({**preset("CartPole-v1", "paper"), "gamma": 0.5})
+    expected = Config.from_dict({**preset("CartPole-v1", "paper"), "gamma": 0.5})
     assert [config for config, _ in seen] == [expected, expected]
     assert seen[0][1].about["preset"] == "paper"
 

@@ -17,7 +17,7 @@ from gymnasium.spaces import Box, Discrete
 from PIL import Image
 
 import sympol
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.cli import main
 from sympol.envs.registry import resolve
 from sympol.film import files, record, screen
@@ -364,7 +364,7 @@ def test_frozen_lake_is_watched_where_there_is_no_screen(tmp_path):
 def run(tmp_path_factory) -> Path:
     """A run's folder without the training."""
     path = tmp_path_factory.mktemp("runs") / "one"
-    Run.create(path, resolve("CartPole-v1"), PPOConfig(), seed=0).save_tree(BALANCE)
+    Run.create(path, resolve("CartPole-v1"), Config(), seed=0).save_tree(BALANCE)
     return path
 
 

@@ -18,12 +18,13 @@ STARTED = time.perf_counter()
 """When sympol was first imported: where a run's wall_seconds count from."""
 
 if TYPE_CHECKING:
-    from .agents import PPO, load
+    from .agents import A2C, PPO, load
     from .envs.registry import register, resolve
     from .evaluate import evaluate_policy, watch
     from .trees import DecisionTree
 
 _HOMES = {
+    "A2C": "agents",
     "PPO": "agents",
     "load": "agents",
     "register": "envs.registry",
@@ -33,7 +34,7 @@ _HOMES = {
     "DecisionTree": "trees",
 }
 
-__all__ = ["PPO", "DecisionTree", "evaluate_policy", "load", "register", "resolve", "watch"]
+__all__ = ["A2C", "PPO", "DecisionTree", "evaluate_policy", "load", "register", "resolve", "watch"]
 
 
 def __getattr__(name: str) -> Any:

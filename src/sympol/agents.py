@@ -2,40 +2,40 @@
 
 from __future__ import annotations
 
+import abc
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self, final
 
-import jax
 import numpy as np
 
 from .algos.bounds import kept_bounds, warn_of_bounds
-from .algos.config import PPOConfig
+from .algos.config import Config
+from .algos.network import outputs
 from .algos.presets import DEFAULT, preset
+from .algos.report import metrics_of, require_finite
 from .algos.state import TrainState
 from .algos.train import Trainer, make_trainer, stops
 from .compilation import use_disk_cache
-from .envs.host import EnvironmentFailure
 from .envs.registry import resolve
 from .envs.spec import Backend, EnvSpec
-from .play import acting
+from .play import draw, fitted_actions
+from .policies.actor import Actor
 from .policies.extract import extract_tree
 from .runs.folder import Run
 from .runs.progress import ProgressBar
 from .trees import DecisionTree, Group
-from .trees.actions import BoxActions
-
-POLICIES = ("tree",)
+from .trees.actions import ActionSpec, BoxActions
 
 
 @dataclass(frozen=True)
 class Report:
     """What a callback is told after each validation."""
 
-    agent: PPO
+    agent: Agent
     timestep: int
     total_timesteps: int
     metrics: dict[str, float]
@@ -46,14 +46,14 @@ Callback = Callable[[Report], bool | None]
 """Called after each validation; returning False ends the training there."""
 
 
-class PPO:
-    """Proximal policy optimisation whose policy is a decision tree.
+class Agent(abc.ABC):
+    """What PPO and A2C have in common for their users.
 
     Args:
-        policy: ``"tree"``.
+        policy: ``"tree"``, or a rival: ``"mlp"``, a multilayer perceptron; ``"sdt"``, a soft decision tree.
         env: An id (``"CartPole-v1"``), a Gymnasium environment, a function that makes one, or an environment
             written in JAX (`sympol.envs.env`).
-        seed: Of everything random. The same seed on the same machine gives the same tree, bit for bit.
+        seed: Of everything random. The same seed on the same machine gives the same policy, bit for bit.
         preset: ``"default"`` or ``"paper"``: the hyperparameters to start from.
         env_kwargs: What to make the environment with, where it is an id or a function.
         feature_names: Names for the features, where the environment's own should not do.
@@ -61,13 +61,16 @@ class PPO:
         groups: Features that are one-hot together, idem.
         backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else through envpool where
             that has it and is installed, else on Gymnasium; ``"jax"``, ``"envpool"`` and ``"host"`` insist.
-        config: Any field of `PPOConfig`, in place of the preset's.
+        config: Any field of `Config`, in place of the preset's.
 
     Raises:
         ConfigError: a hyperparameter that breaks its rule.
         UnknownEnvironment: no environment has this id.
         ValueError: an unsupported space.
     """
+
+    algorithm: ClassVar[str]
+    """As in `Config`."""
 
     def __init__(
         self,
@@ -83,8 +86,6 @@ class PPO:
         backend: Backend = "auto",
         **config: Any,
     ) -> None:
-        if policy not in POLICIES:
-            raise ValueError(f"policy must be one of {', '.join(POLICIES)}, got {policy!r}")
         if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
             raise ValueError(f"seed must be a whole number from 0 to 2^32 - 1, got {seed!r}")
         self.spec: EnvSpec = (
@@ -101,7 +102,7 @@ class PPO:
         )
         self.seed = int(seed)
         self.preset = preset
-        self.config = _config(self.spec, preset, config)
+        self.config = _config(self.spec, preset, {"algorithm": self.algorithm, "policy": policy, **config})
         self.state: TrainState | None = None
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
@@ -121,7 +122,7 @@ class PPO:
         callback: Callback | Sequence[Callback] | None = None,
         *,
         progress_bar: bool = True,
-    ) -> PPO:
+    ) -> Self:
         """Train; return the agent itself.
 
         An interrupted training (Ctrl-C, a callback, an environment that failed, a loaded checkpoint) goes on
@@ -160,11 +161,11 @@ class PPO:
             if self.num_timesteps >= stop:
                 continue
             state = trainer.advance(self.state, stop)
-            _require_finite(state, self.num_timesteps)  # waits for the device, too
+            require_finite(state, self.num_timesteps)  # waits for the device, too
             self.state = state
             elapsed = time.perf_counter() - began
             self._warned = self._warned or warn_of_bounds(self.spec.name, self.spec.features.names, state)
-            metrics = _metrics(self.state, elapsed, (self.num_timesteps - first) / elapsed)
+            metrics = metrics_of(self.state, elapsed, (self.num_timesteps - first) / elapsed)
             bar.update(metrics)
             report = Report(self, self.num_timesteps, self.config.total_timesteps, metrics)
             if any([c(report) is False for c in callbacks]):
@@ -185,14 +186,42 @@ class PPO:
         actions = self.act(np.atleast_2d(x), deterministic=deterministic, rng=self._rng)
         return (actions[0] if x.ndim == 1 else actions), None
 
+    def act(self, x: np.ndarray, *, deterministic: bool, rng: np.random.Generator) -> np.ndarray:
+        """Actions for flat observations ``[batch, features]``, as the environment takes them."""
+        values, actions = self.outputs(x), self.actions
+        chosen = actions.decide(values) if deterministic else draw(values, actions, rng)
+        return fitted_actions(chosen, self.spec.action_space)
+
+    def outputs(self, x: np.ndarray) -> np.ndarray:
+        """Logits, or means, ``[batch, outputs]`` for flat observations ``[batch, features]``."""
+        if self.has_tree:
+            tree = self.tree(prune=False)
+            return tree.value[tree.apply(x)]
+        return outputs(self.actor, self._trained().normalizer, x)
+
+    @property
+    def actor(self) -> Actor:
+        """The actor that is the policy: of those validated, the best (``select_best``), or the last."""
+        state = self._trained()
+        return state.validation.best_actor if self.config.select_best else state.networks.actor
+
+    @property
+    def actions(self) -> ActionSpec:
+        """What the outputs mean, the standard deviation of continuous actions included."""
+        actions = self.spec.actions
+        if not isinstance(actions, BoxActions):
+            return actions
+        return replace(actions, std=tuple(np.exp(np.asarray(self.actor.log_std)).tolist()))
+
     @property
     def has_tree(self) -> bool:
         """Whether the policy is a tree, so that `tree` can give it."""
-        return True
+        return self.config.policy == "tree"
 
-    def act(self, x: np.ndarray, *, deterministic: bool, rng: np.random.Generator) -> np.ndarray:
-        """Actions for flat observations ``[batch, features]``, as the environment takes them."""
-        return acting(self.tree(prune=False), self.spec, deterministic, rng)(x)
+    def _trained(self) -> TrainState:
+        if self.state is None:
+            raise RuntimeError("there is no tree yet: call learn() first")
+        return self.state
 
     def tree(self, *, prune: bool = True) -> DecisionTree:
         """The policy: of the trees validated, the best (``select_best``), or the last.
@@ -202,13 +231,16 @@ class PPO:
         ``config.depth``, with the leaf distributions as trained.
 
         Raises:
-            RuntimeError: before `learn`.
+            RuntimeError: before `learn`, or of a policy that is no tree.
         """
-        if self.state is None:
-            raise RuntimeError("there is no tree yet: call learn() first")
+        self._trained()
+        if not self.has_tree:
+            raise RuntimeError(
+                f"{self.config.policy} is no tree; make one of it with `sympol distill` or sympol.distill"
+            )
         now = self.num_timesteps
         if (now, False) not in self._trees:
-            self._trees = {(now, False): _extract(self.spec, self.config, self.state)}
+            self._trees = {(now, False): self._extract()}
         if (now, prune) not in self._trees:
             listed = self.spec.all_observations()
             self._trees[now, True] = self._trees[now, False].prune(observations=listed)
@@ -223,10 +255,50 @@ class PPO:
         run = Run.create(Path(path), self.spec, self.config, self.seed, preset=self.preset, overwrite=True)
         if self.state is not None:
             run.save_checkpoint(self.state)
-            run.save_tree(self.tree())
+            if self.has_tree:
+                run.save_tree(self.tree())
+
+    def _extract(self) -> DecisionTree:
+        state = self._trained()
+        low, high = kept_bounds(self.spec.features, state)
+        actor: Any = self.actor
+        return extract_tree(
+            actor,
+            np.asarray(state.normalizer.shift),
+            np.asarray(state.normalizer.scale),
+            actions=self.actions,
+            feature_names=self.spec.features.names,
+            feature_low=low,
+            feature_high=high,
+            groups=self.spec.features.groups,
+        )
 
 
-def load(path: str | PathLike[str], env: Any = None) -> PPO:
+@final
+class PPO(Agent):
+    """Proximal policy optimisation; see `Agent` for the arguments."""
+
+    algorithm = "ppo"
+
+
+@final
+class A2C(Agent):
+    """Advantage actor-critic: one update a rollout; see `Agent` for the arguments."""
+
+    algorithm = "a2c"
+
+
+AGENTS: dict[str, type[Agent]] = {agent.algorithm: agent for agent in (PPO, A2C)}
+
+
+def agent_of(spec: EnvSpec, config: Config, seed: int) -> Agent:
+    """An agent of the config's algorithm, its config just that."""
+    agent = AGENTS[config.algorithm](config.policy, spec, seed=seed)
+    agent.config = config
+    return agent
+
+
+def load(path: str | PathLike[str], env: Any = None) -> Agent:
     """The agent that a run's folder holds, ready to predict and, if it was interrupted, to go on learning.
 
     ``env`` is needed only where the run's environment has no id: give what it was trained on. Nothing in the
@@ -237,8 +309,8 @@ def load(path: str | PathLike[str], env: Any = None) -> PPO:
         RunError: no run there, made by another version, or all its checkpoints are damaged.
     """
     run = Run.open(Path(path))
-    agent = PPO("tree", run.resolve_env(env), seed=run.seed)
-    agent.preset, agent.config = run.about["preset"], run.config
+    agent = agent_of(run.resolve_env(env), run.config, run.seed)
+    agent.preset = run.about["preset"]
     trainer = make_trainer(agent.spec, agent.config, agent.seed)
     try:
         agent.state = run.load_checkpoint(trainer.template())
@@ -247,54 +319,8 @@ def load(path: str | PathLike[str], env: Any = None) -> PPO:
     return agent
 
 
-def _config(spec: EnvSpec, name: str, overrides: dict[str, Any]) -> PPOConfig:
-    values = preset(spec.name, name)
+def _config(spec: EnvSpec, name: str, overrides: dict[str, Any]) -> Config:
+    values = preset(spec.name, name, policy=overrides["policy"], algorithm=overrides["algorithm"])
     if spec.has_one_copy:
         values = {**values, "num_envs": 1}
-    return PPOConfig.from_dict({**values, **overrides})
-
-
-def _extract(spec: EnvSpec, config: PPOConfig, state: TrainState) -> DecisionTree:
-    actor = state.validation.best_actor if config.select_best else state.networks.actor
-    actions = spec.actions
-    if isinstance(actions, BoxActions):
-        actions = replace(actions, std=tuple(np.exp(np.asarray(actor.log_std)).tolist()))
-    low, high = kept_bounds(spec.features, state)
-    return extract_tree(
-        actor,
-        np.asarray(state.normalizer.shift),
-        np.asarray(state.normalizer.scale),
-        actions=actions,
-        feature_names=spec.features.names,
-        feature_low=low,
-        feature_high=high,
-        groups=spec.features.groups,
-    )
-
-
-def _require_finite(state: TrainState, before: int) -> None:
-    numbers = [*jax.tree.leaves(state.networks), state.validation.last_return]
-    if not all(np.isfinite(np.asarray(leaf)).all() for leaf in numbers):
-        raise EnvironmentFailure(
-            f"between training steps {before:,} and {int(state.timestep):,} the training came to NaN or infinity: "
-            "the environment returned an observation or a reward that is not finite, or the learning rates are "
-            "too high"
-        )
-
-
-def _metrics(state: TrainState, elapsed: float, fps: float) -> dict[str, float]:
-    episodes = max(1, int(state.episodes.num_ended))
-    nothing = float("nan") if int(state.episodes.num_ended) == 0 else 0.0
-    return {
-        "time/total_timesteps": int(state.timestep),
-        "time/time_elapsed": elapsed,
-        "time/fps": fps,
-        "rollout/ep_rew_mean": float(state.episodes.sum_return) / episodes + nothing,
-        "rollout/ep_len_mean": float(state.episodes.sum_length) / episodes + nothing,
-        "eval/mean_reward": float(state.validation.last_return),
-        "train/policy_gradient_loss": float(state.losses.policy_loss),
-        "train/value_loss": float(state.losses.value_loss),
-        "train/entropy": float(state.losses.entropy),
-        "train/approx_kl": float(state.losses.approx_kl),
-        "train/clip_fraction": float(state.losses.clip_fraction),
-    }
+    return Config.from_dict({**values, **overrides})

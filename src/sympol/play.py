@@ -11,7 +11,7 @@ import numpy as np
 from .envs.env import MAX_EPISODE_STEPS
 from .envs.spec import EnvSpec
 from .trees import DecisionTree
-from .trees.actions import BoxActions
+from .trees.actions import ActionSpec, BoxActions
 
 TEST = 0x7E57
 """Part of every seed of test episodes and of no other."""
@@ -111,12 +111,16 @@ def _play(act: Act, spec: EnvSpec, seeds: Sequence[int]) -> Episodes:
 
 def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Actions drawn from the leaves' distributions, for flat observations ``[batch, features]``."""
-    values = tree.value[tree.apply(x)]
-    if isinstance(tree.actions, BoxActions):
-        noise = np.asarray(tree.actions.std or 0, np.float32) * rng.standard_normal(values.shape, np.float32)
+    return draw(tree.value[tree.apply(x)], tree.actions, rng)
+
+
+def draw(values: np.ndarray, actions: ActionSpec, rng: np.random.Generator) -> np.ndarray:
+    """Actions drawn from the distributions that ``values [batch, outputs]`` are the logits or means of."""
+    if isinstance(actions, BoxActions):
+        noise = np.asarray(actions.std or 0, np.float32) * rng.standard_normal(values.shape, np.float32)
     else:
         noise = rng.gumbel(size=values.shape)  # the largest of the noisy logits is a sample
-    return tree.actions.decide(values + noise)
+    return actions.decide(values + noise)
 
 
 def fitted_actions(actions: np.ndarray, space: gymnasium.Space) -> np.ndarray:

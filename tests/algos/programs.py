@@ -7,13 +7,13 @@ from typing import Any
 
 import jax
 
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.state import TrainState
 from sympol.algos.train import Segment, make_segment
 from sympol.envs.cartpole import CartPole
 
 CARTPOLE = CartPole(max_episode_steps=11)
-CONFIG = PPOConfig(
+CONFIG = Config(
     depth=2,
     num_envs=2,
     num_steps=16,
@@ -29,6 +29,6 @@ CONFIG = PPOConfig(
 
 
 @functools.cache
-def segment_of(env: Any, config: PPOConfig) -> tuple[Segment, TrainState]:
+def segment_of(env: Any, config: Config) -> tuple[Segment, TrainState]:
     segment, empty = make_segment(env, config.static())
     return jax.jit(segment), empty

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sympol.algos.config import Hyperparameters, PPOConfig
+from sympol.algos.config import Config, Hyperparameters
 from sympol.algos.init import UNBOUNDED, purpose_key
 from sympol.algos.state import TrainState
 from sympol.functional.schedules import Shuffle
@@ -41,7 +41,7 @@ class Reference:
         self,
         env: Any,
         distribution: Distribution,
-        config: PPOConfig,
+        config: Config,
         hyper: Hyperparameters,
         seed: int,
         state: TrainState,

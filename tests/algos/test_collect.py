@@ -13,7 +13,7 @@ import pytest
 from jax import Array
 
 from sympol.algos.collect import collect, empty_rollout, reset_envs
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.init import init_state, normalizer_of
 from sympol.policies.distributions import distribution_of
 from sympol.types import Step, Transition
@@ -64,7 +64,7 @@ CHUNK_STEPS, NUM_ENVS, NUM_CHUNKS = 16, 3, 2
 def rollouts() -> tuple[Array, list[Transition], list[Array]]:
     """The first observations, two rollouts in a row, and the observations after each."""
     env = Tell()
-    config = PPOConfig(
+    config = Config(
         depth=2,
         num_envs=NUM_ENVS,
         num_steps=16,

@@ -9,16 +9,16 @@ import re
 import numpy as np
 import pytest
 
-from sympol.algos.config import _RANGES, ConfigError, Hyperparameters, PPOConfig
+from sympol.algos.config import _RANGES, Config, ConfigError, Hyperparameters
 
-FIELDS = {field.name: field.default for field in dataclasses.fields(PPOConfig)}
+FIELDS = {field.name: field.default for field in dataclasses.fields(Config)}
 NUMBERS = {name for name, default in FIELDS.items() if type(default) in (int, float)}
 RULES = {name: (low, high) for name, low, high in _RANGES}
 
 
 def refused(name: str, value: object) -> str:
     with pytest.raises(ConfigError) as error:
-        PPOConfig(**{name: value})
+        Config(**{name: value})
     message = str(error.value)
     assert name in message
     return message
@@ -65,7 +65,7 @@ def test_the_ends_of_every_range_are_allowed(name):
         kind = type(FIELDS[name])
         if name in ("num_envs", "num_steps") and value > 1:
             others |= {"num_envs" if name == "num_steps" else "num_steps": 16}
-        assert getattr(PPOConfig(**{name: kind(value), **others}), name) == value
+        assert getattr(Config(**{name: kind(value), **others}), name) == value
 
 
 def test_words_and_shapes():
@@ -75,7 +75,7 @@ def test_words_and_shapes():
     assert "(64, 0)" in refused("critic_hidden", (64, 0))
     assert "(64, 8.5)" in refused("critic_hidden", (64, 8.5))
     assert "(True,)" in refused("critic_hidden", (True,))
-    assert PPOConfig(critic_hidden=()).critic_hidden == ()
+    assert Config(critic_hidden=()).critic_hidden == ()
 
 
 def test_a_tree_too_deep_says_how_large_it_would_be():
@@ -85,57 +85,57 @@ def test_a_tree_too_deep_says_how_large_it_would_be():
 
 
 def test_fewer_steps_than_a_rollout():
-    config = PPOConfig(total_timesteps=16 * 32, num_envs=32, num_steps=128)
+    config = Config(total_timesteps=16 * 32, num_envs=32, num_steps=128)
     assert config.chunk_size == 512
     message = refused("total_timesteps", 511)
     assert "511" in message
     assert "512" in message
     assert "num_envs" in message
     with pytest.raises(ConfigError, match="4096"):
-        PPOConfig(total_timesteps=4095, dynamic_rollout=False)
+        Config(total_timesteps=4095, dynamic_rollout=False)
 
 
 def test_unknown_fields_name_their_neighbours():
     with pytest.raises(ConfigError, match=r"'learning_rate_leafs'.*did you mean.*learning_rate_leaf_values"):
-        PPOConfig.from_dict({"learning_rate_leafs": 0.1})
+        Config.from_dict({"learning_rate_leafs": 0.1})
     with pytest.raises(ConfigError, match=re.escape("unknown config field 'zzzz'") + "$"):
-        PPOConfig.from_dict({"zzzz": 1})
+        Config.from_dict({"zzzz": 1})
 
 
 def test_dictionaries_round_trip():
-    config = PPOConfig(depth=3, critic_hidden=(8, 4), gamma=0.5, surrogate="softsign", reduce_lr=True)
-    assert PPOConfig.from_dict(config.to_dict()) == config
+    config = Config(depth=3, critic_hidden=(8, 4), gamma=0.5, surrogate="softsign", reduce_lr=True)
+    assert Config.from_dict(config.to_dict()) == config
     assert config.to_dict()["critic_hidden"] == [8, 4]
-    assert PPOConfig.from_dict({}) == PPOConfig()
+    assert Config.from_dict({}) == Config()
     with pytest.raises(ConfigError, match="gamma"):
-        PPOConfig.from_dict({"gamma": "high"})
+        Config.from_dict({"gamma": "high"})
 
 
 def test_a_whole_number_will_do_for_a_float():
-    assert PPOConfig(gamma=1).hyperparameters().gamma == np.float32(1)
+    assert Config(gamma=1).hyperparameters().gamma == np.float32(1)
 
 
 def test_hyperparameters_are_float32_and_static_forgets_them():
-    config = PPOConfig(gamma=0.5, weight_decay=0.25, depth=3)
+    config = Config(gamma=0.5, weight_decay=0.25, depth=3)
     hyper = config.hyperparameters()
     assert all(isinstance(value, np.float32) for value in hyper)
     assert (hyper.gamma, hyper.weight_decay) == (0.5, 0.25)
-    assert config.static() == PPOConfig(depth=3)
-    assert hash(config.static()) == hash(PPOConfig(depth=3))
+    assert config.static() == Config(depth=3)
+    assert hash(config.static()) == hash(Config(depth=3))
 
 
 @pytest.mark.parametrize(
     ("num_steps", "first"), [(16, 16), (128, 16), (129, 16), (256, 32), (1, 16), (1000, 125)]
 )
 def test_the_first_rollout(num_steps, first):
-    config = PPOConfig(num_steps=num_steps, num_envs=2)
+    config = Config(num_steps=num_steps, num_envs=2)
     assert config.chunk_steps == first
     assert config.chunk_size == 2 * first
 
 
 def test_growth_stops_where_a_rollout_would_outgrow_its_stage():
     def most(total: int) -> int:
-        return PPOConfig(total_timesteps=total, num_envs=2, num_steps=16).max_stage
+        return Config(total_timesteps=total, num_envs=2, num_steps=16).max_stage
 
     chunk = 32
     assert most(chunk) == 0
@@ -147,5 +147,5 @@ def test_growth_stops_where_a_rollout_would_outgrow_its_stage():
 
 
 def test_dynamic_rollout_off_keeps_one_size():
-    config = PPOConfig(dynamic_rollout=False, num_steps=128, num_envs=4)
+    config = Config(dynamic_rollout=False, num_steps=128, num_envs=4)
     assert (config.max_stage, config.chunk_steps, config.chunk_size) == (0, 128, 512)

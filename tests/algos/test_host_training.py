@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sympol.algos.collect_host import HostCollector, host_seed
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.state import TrainState
 from sympol.algos.train import HostTrainer, Trainer, make_trainer
 from sympol.envs.host import EnvironmentFailure
@@ -20,7 +20,7 @@ from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.policies.distributions import distribution_of
 
-CONFIG = PPOConfig(
+CONFIG = Config(
     depth=2,
     num_envs=4,
     num_steps=16,
@@ -72,7 +72,7 @@ def spec_of(make: Callable[[], gymnasium.Env] = SignedReward) -> EnvSpec:
     return resolve(make)
 
 
-def train(spec: EnvSpec, cuts: list[int], seed: int = 0, config: PPOConfig = CONFIG) -> TrainState:
+def train(spec: EnvSpec, cuts: list[int], seed: int = 0, config: Config = CONFIG) -> TrainState:
     trainer: Trainer = HostTrainer(spec, config, seed)
     try:
         state = None

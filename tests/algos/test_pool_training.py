@@ -11,7 +11,7 @@ import pytest
 
 import sympol
 from sympol.algos.collect_host import HostCollector
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.train import HostTrainer
 from sympol.envs import pool
 from sympol.envs.registry import MissingExtra, resolve
@@ -23,7 +23,7 @@ from tests.tiny import TINY, agent, flags, quick_compiles, status_of
 __all__ = ["quick_compiles"]
 
 TASK, CONTINUOUS = "LunarLander-v3", "LunarLanderContinuous-v3"
-CONFIG = PPOConfig(**TINY)
+CONFIG = Config(**TINY)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import numpy as np
 import optax
 import pytest
 
-from sympol.algos.config import Hyperparameters, PPOConfig
+from sympol.algos.config import Config, Hyperparameters
 from sympol.algos.init import init_networks
 from sympol.algos.optimizer import ADAM_EPS, Networks, apply_gradients, labels, optimizer
 from sympol.algos.ppo import Batch, ppo_loss
@@ -25,8 +25,8 @@ loss_and_gradient = jax.jit(jax.value_and_grad(ppo_loss, has_aux=True), static_a
 step = jax.jit(apply_gradients)
 
 
-def config(**changes: Any) -> PPOConfig:
-    return PPOConfig(depth=2, critic_hidden=(5,), ent_coef=0.03, vf_coef=0.7, log_std_init=-0.3, **changes)
+def config(**changes: Any) -> Config:
+    return Config(depth=2, critic_hidden=(5,), ent_coef=0.03, vf_coef=0.7, log_std_init=-0.3, **changes)
 
 
 def networks_of(distribution, seed: int = 0, **changes: Any) -> Networks:

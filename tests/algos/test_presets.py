@@ -4,7 +4,7 @@ from importlib.resources import files
 
 import pytest
 
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.presets import preset, presets_of
 
 ENVIRONMENTS = sorted(
@@ -30,7 +30,7 @@ OF_THE_PAPER = [
 @pytest.mark.parametrize("env", ENVIRONMENTS)
 def test_every_preset_of_the_tree_is_a_valid_config(env):
     for name in presets_of(env):
-        PPOConfig.from_dict(preset(env, name))
+        Config.from_dict(preset(env, name))
 
 
 @pytest.mark.parametrize("env", ENVIRONMENTS)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from jax import Array
 
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.state import TrainState
 from sympol.algos.train import make_segment
 from tests.envs.probes import (
@@ -28,7 +28,7 @@ from tests.envs.probes import (
 )
 
 GAMMA = 0.8
-CONFIG = PPOConfig(
+CONFIG = Config(
     depth=3,
     num_envs=8,
     num_steps=16,

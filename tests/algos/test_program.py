@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sympol.algos.train as train_module
-from sympol.algos.config import Hyperparameters, PPOConfig
+from sympol.algos.config import Config, Hyperparameters
 from sympol.algos.init import purpose_key
 from sympol.algos.state import TrainState
 from sympol.algos.train import CompiledTrainer, stops
@@ -37,7 +37,7 @@ class Compilations:
             self.names.append(str(labels.get("fun_name")))
 
 
-def train(config: PPOConfig, seed: int, cuts: list[int]) -> TrainState:
+def train(config: Config, seed: int, cuts: list[int]) -> TrainState:
     trainer, state = CompiledTrainer(CARTPOLE, config, seed), None
     for stop in cuts:
         state = trainer.advance(state, stop)
@@ -147,9 +147,9 @@ def test_mapped_over_seeds_and_numbers_it_is_the_same_training():
 
 
 def test_stops_are_evenly_spaced_and_end_at_the_end():
-    assert stops(PPOConfig(total_timesteps=1000, num_envs=1, num_evals=4)) == [250, 500, 750, 1000]
-    assert stops(PPOConfig(total_timesteps=1000, num_envs=1, num_evals=3)) == [334, 667, 1000]
-    assert stops(PPOConfig(total_timesteps=20, num_envs=1, num_evals=10_000)) == list(range(1, 21))
+    assert stops(Config(total_timesteps=1000, num_envs=1, num_evals=4)) == [250, 500, 750, 1000]
+    assert stops(Config(total_timesteps=1000, num_envs=1, num_evals=3)) == [334, 667, 1000]
+    assert stops(Config(total_timesteps=20, num_envs=1, num_evals=10_000)) == list(range(1, 21))
 
 
 class OwnEnv:

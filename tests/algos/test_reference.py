@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.algos.config import PPOConfig
+from sympol.algos.config import Config
 from sympol.algos.state import PATIENCE, TrainState
 from sympol.algos.train import make_segment, with_score
 from sympol.envs.cartpole import CartPole
@@ -24,7 +24,7 @@ SEED = 3
 
 
 @functools.cache
-def begun(env: Any, config: PPOConfig) -> TrainState:
+def begun(env: Any, config: Config) -> TrainState:
     """The state of a training that has not taken a step."""
     segment, empty = segment_of(env, config)
     state = segment(config.hyperparameters(), np.uint32(SEED), empty, np.bool_(True), np.int32(0))
@@ -33,7 +33,7 @@ def begun(env: Any, config: PPOConfig) -> TrainState:
 
 
 def run_both(
-    env: Any, config: PPOConfig, eighth: int, num_iterations: int, lr_factor: float = 1.0
+    env: Any, config: Config, eighth: int, num_iterations: int, lr_factor: float = 1.0
 ) -> tuple[TrainState, Reference]:
     """Both for some iterations from a fresh state in the given eighth of the training, after plateaus or none."""
     segment, _ = segment_of(env, config)
@@ -89,7 +89,7 @@ def test_cartpole_as_the_plain_loop_trains_it(eighth, num_iterations):
 def test_ablations_as_the_plain_loop_trains_them(eighth, num_iterations):
     """A tree critic, no accumulation, raw advantages, continuous actions, every schedule, clipped gradients."""
     env = ContinuousMatch()
-    config = PPOConfig(
+    config = Config(
         depth=2,
         num_envs=2,
         num_steps=16,
@@ -118,11 +118,11 @@ def test_ablations_as_the_plain_loop_trains_them(eighth, num_iterations):
 
 def test_the_switches_change_what_is_compiled():
     """Growth off is one chunk of full size; the program then has a single stage."""
-    config = PPOConfig(dynamic_rollout=False, num_steps=32, num_envs=2, depth=1, total_timesteps=10_000)
+    config = Config(dynamic_rollout=False, num_steps=32, num_envs=2, depth=1, total_timesteps=10_000)
     _, empty = make_segment(CartPole(), config)
     assert config.max_stage == 0
     assert empty.observation.shape == (2, 4)
-    tree = make_segment(CartPole(), PPOConfig(critic="tree", depth=3))[1].networks
+    tree = make_segment(CartPole(), Config(critic="tree", depth=3))[1].networks
     assert tree.critic.thresholds.shape == tree.actor.thresholds.shape == (7, 4)
     assert tree.critic.leaf_values.shape == (8, 1)
 

@@ -12,7 +12,7 @@ from jaxtyping import Int, PRNGKeyArray
 from ..envs.env import Env
 from ..policies.distributions import Distribution
 from ..types import Transition
-from .config import PPOConfig
+from .config import Config
 from .state import Episodes, TrainState, tree_where
 
 
@@ -21,7 +21,7 @@ def reset_envs(env: Env, key: PRNGKeyArray, num_envs: int) -> tuple[Any, Array]:
     return jax.vmap(env.reset)(jax.random.split(key, num_envs))
 
 
-def empty_rollout(num_features: int, distribution: Distribution, config: PPOConfig) -> Transition:
+def empty_rollout(num_features: int, distribution: Distribution, config: Config) -> Transition:
     """A buffer for the longest rollout, ``[max_chunks, chunk_steps, num_envs, …]``."""
     outputs = jax.ShapeDtypeStruct((distribution.num_outputs,), jnp.float32)
     action = jax.eval_shape(distribution.mode, outputs)

@@ -13,10 +13,10 @@ from jaxtyping import Float, Int
 from ..envs.env import MAX_EPISODE_STEPS
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
+from ..policies.actor import Actor
 from ..policies.distributions import Distribution
-from ..policies.tree import RolloutTree, Tree
 from ..types import Transition
-from .config import PPOConfig
+from .config import Config
 from .init import PURPOSES
 from .state import Normalizer, TrainState
 
@@ -30,7 +30,7 @@ def host_seed(seed: int, purpose: str, timestep: int = 0) -> int:
 class HostCollector:
     """The environments of one training, and the buffer that its rollouts are written to."""
 
-    def __init__(self, spec: EnvSpec, distribution: Distribution, config: PPOConfig) -> None:
+    def __init__(self, spec: EnvSpec, distribution: Distribution, config: Config) -> None:
         self._config = config
         self._envs = spec.host_envs(config.num_envs)
         self._observation = np.zeros((config.num_envs, len(spec.features.names)), np.float32)
@@ -38,7 +38,7 @@ class HostCollector:
 
         # what a step needs of the policy, and a chunk of its noise, is worked out before: a step is all dispatch
         @jax.jit
-        def choose(actor: Tree) -> RolloutTree:
+        def choose(actor: Actor) -> Any:
             return actor.rollout()
 
         @jax.jit
@@ -51,13 +51,13 @@ class HostCollector:
 
         @jax.jit
         def act(
-            policy: RolloutTree, log_std: Array, normalizer: Normalizer, noise: Array, observation: Array
+            policy: Any, log_std: Array, normalizer: Normalizer, noise: Array, observation: Array
         ) -> tuple[Array, Array]:
             action = distribution.sample(policy(normalizer(observation)), log_std, noise)
             return action, distribution.to_env(action)
 
         @jax.jit
-        def decide(policy: RolloutTree, normalizer: Normalizer, observation: Array) -> Array:
+        def decide(policy: Any, normalizer: Normalizer, observation: Array) -> Array:
             return distribution.to_env(distribution.mode(policy(normalizer(observation))))
 
         self._choose, self._draw, self._act, self._decide = choose, draw, act, decide

@@ -16,12 +16,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 
 from ..functional.schedules import NUM_STAGES, num_minibatches
-
-MAX_TIMESTEPS = 2**29
-
-
-class ConfigError(ValueError):
-    """A configuration that cannot be trained; the message names the value, the rule and the remedy."""
+from .rules import ConfigError, applies, check_fields
 
 
 class Hyperparameters(NamedTuple):
@@ -30,6 +25,7 @@ class Hyperparameters(NamedTuple):
     learning_rate_feature_logits: Any
     learning_rate_thresholds: Any
     learning_rate_leaf_values: Any
+    learning_rate_actor: Any
     learning_rate_log_std: Any
     learning_rate_critic: Any
     lr_end_factor: Any
@@ -47,24 +43,37 @@ class Hyperparameters(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PPOConfig:
-    """Proximal policy optimisation of a tree actor with an MLP critic (policy.md, Training)."""
+class Config:
+    """An actor, a critic, and how they are trained (policy.md, Training).
+
+    Some fields belong to one policy or one algorithm (`rules.OWNERS`); with another they must stay at their defaults.
+    """
+
+    algorithm: Literal["ppo", "a2c"] = "ppo"
+    """Proximal policy optimisation, or advantage actor-critic."""
+
+    policy: Literal["tree", "mlp", "sdt"] = "tree"
+    """What acts: a hard decision tree, or a rival: a multilayer perceptron, a soft decision tree."""
 
     total_timesteps: int = 1_000_000
     """Environment steps to train for; the rollout in progress is finished."""
 
     depth: int = 5
-    """Depth of the tree, 1 to 14: 2^depth leaves before pruning."""
+    """Depth of the tree or soft tree, 1 to 14: 2^depth leaves before pruning."""
+
+    actor_hidden: tuple[int, ...] = (64, 64)
+    """Width of each hidden layer of the MLP that acts."""
 
     surrogate: Literal["sigmoid", "softsign"] = "sigmoid"
     """What the hard step becomes going backward: the logistic function (the paper) or softsign."""
 
     temperature: float = 1.0
     """Going backward the step is S(z / temperature): the lower, the narrower the strip around a threshold whose
-    observations move it. A power of two, so that the division is exact."""
+    observations move it. A power of two, so that the division is exact. A soft tree's gates have it, too, going
+    forward; there any number will do."""
 
-    critic: Literal["mlp", "tree"] = "mlp"
-    """The value function: an MLP, or a tree of the actor's architecture (an ablation of the paper)."""
+    critic: Literal["mlp", "tree", "sdt"] = "mlp"
+    """The value function: an MLP, or a tree or soft tree of the actor's architecture."""
 
     critic_hidden: tuple[int, ...] = (64, 64)
     """Width of each hidden layer of the MLP critic."""
@@ -90,7 +99,10 @@ class PPOConfig:
     """Passes over each rollout."""
 
     dynamic_rollout: bool = True
-    """Double the rollout in eight equal stages, up to 128-fold."""
+    """Double the rollout from stage to stage, of which there are eight, all equal."""
+
+    growth: int = 128
+    """A dynamic rollout stops growing when it is so many times as long as at first; a power of two."""
 
     dynamic_batch: bool = True
     """Grow the batch by the same factor, by gradient accumulation."""
@@ -122,6 +134,9 @@ class PPOConfig:
     learning_rate_leaf_values: float = 0.01
     """Adam step size of the leaves."""
 
+    learning_rate_actor: float = 0.001
+    """Adam step size of an actor that is an MLP or a soft tree."""
+
     learning_rate_log_std: float = 0.001
     """Adam step size of the log standard deviation (continuous actions)."""
 
@@ -132,7 +147,8 @@ class PPOConfig:
     """Learning rates fall linearly to this fraction of themselves; 1 keeps them."""
 
     weight_decay: float = 1e-4
-    """AdamW's decoupled decay of feature logits and leaf values (never thresholds); 0 is plain Adam."""
+    """AdamW's decoupled decay of feature logits and leaf values (never a tree's thresholds), or of all of another
+    actor; 0 is plain Adam."""
 
     max_grad_norm: float = math.inf
     """Gradients of actor and critic are each clipped to this norm; inf does not clip."""
@@ -168,27 +184,7 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         """Check every field; raise `ConfigError` at the first that breaks its rule."""
-        for field in dataclasses.fields(self):
-            _check_type(field.name, getattr(self, field.name), getattr(type(self), field.name))
-        for name, low, high in _RANGES:
-            value = getattr(self, name)
-            if not low <= value <= high:
-                hint = (
-                    f"; a tree of depth {value} has 2^{value} leaves"
-                    if name == "depth" and value > high
-                    else ""
-                )
-                raise ConfigError(f"{name} must be between {low} and {high}, got {value}{hint}")
-        for name, choices in (("surrogate", ("sigmoid", "softsign")), ("critic", ("mlp", "tree"))):
-            if getattr(self, name) not in choices:
-                raise ConfigError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
-        if math.frexp(self.temperature)[0] != 0.5:
-            raise ConfigError(
-                f"temperature must be a power of two, got {self.temperature}: dividing by anything else rounds, and "
-                "would move observations across their thresholds"
-            )
-        if any(width < 1 for width in self.critic_hidden):
-            raise ConfigError(f"critic_hidden must hold positive widths, got {self.critic_hidden}")
+        check_fields(self)
         if self.total_timesteps < self.chunk_size:
             raise ConfigError(
                 f"total_timesteps must cover one rollout of {self.chunk_steps} steps × {self.num_envs} "
@@ -213,19 +209,19 @@ class PPOConfig:
 
     @property
     def max_stage(self) -> int:
-        """How often the rollout doubles: seven times, but a rollout never outgrows a stage of the training."""
+        """How often the rollout doubles; however large `growth`, it never outgrows a stage of the training."""
         if not self.dynamic_rollout:
             return 0
         fit = int(math.log2(max(1, self.total_timesteps // NUM_STAGES // self.chunk_size)))
-        return min(NUM_STAGES - 1, fit)
+        return min(NUM_STAGES - 1, int(math.log2(self.growth)), fit)
 
     def hyperparameters(self) -> Hyperparameters:
         """The traced fields as float32 numbers."""
         return Hyperparameters(*(np.float32(getattr(self, name)) for name in Hyperparameters._fields))
 
-    def static(self) -> PPOConfig:
+    def static(self) -> Config:
         """The config with its traced fields at their defaults: the key of a compiled program."""
-        defaults = {name: getattr(PPOConfig, name) for name in Hyperparameters._fields}
+        defaults = {name: getattr(type(self), name) for name in Hyperparameters._fields}
         return dataclasses.replace(self, **defaults)
 
     @classmethod
@@ -241,54 +237,9 @@ class PPOConfig:
         return cls(**as_tuples)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for TOML and JSON."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in dataclasses.asdict(self).items()}
-
-
-_RANGES: tuple[tuple[str, float, float], ...] = (
-    ("total_timesteps", 1, MAX_TIMESTEPS),
-    ("depth", 1, 14),
-    ("num_envs", 1, 65536),
-    ("num_steps", 1, 2**20),
-    ("minibatch_size", 1, 2**24),
-    ("num_epochs", 1, 1000),
-    ("num_evals", 1, 10_000),
-    ("num_eval_episodes", 1, 100_000),
-    ("learning_rate_feature_logits", 0, 10),
-    ("learning_rate_thresholds", 0, 10),
-    ("learning_rate_leaf_values", 0, 10),
-    ("learning_rate_log_std", 0, 10),
-    ("learning_rate_critic", 0, 10),
-    ("lr_end_factor", 0, 1),
-    ("weight_decay", 0, 10),
-    ("max_grad_norm", 1e-6, math.inf),
-    ("gamma", 0, 1),
-    ("gae_lambda", 0, 1),
-    ("clip_eps", 1e-6, 100),
-    ("ent_coef", 0, 100),
-    ("ent_end_factor", -100, 1),
-    ("vf_coef", 0, 100),
-    ("log_std_init", -10, 3),
-    ("reward_scale", 1e-9, 1e9),
-    ("threshold_std_init", 0, 1000),
-    ("temperature", 2**-10, 2**10),
-)
-
-
-def _check_type(name: str, value: object, default: object) -> None:
-    """A field has the type of its default; a whole number will do for a float, a bool for nothing else."""
-    match default:
-        case bool():
-            good, kind = isinstance(value, bool), "true or false"
-        case int():
-            good, kind = isinstance(value, int) and not isinstance(value, bool), "a whole number"
-        case float():
-            whole = isinstance(value, int) and not isinstance(value, bool)
-            good, kind = whole or (isinstance(value, float) and not math.isnan(value)), "a number"
-        case tuple():
-            good = isinstance(value, tuple) and all(type(v) is int for v in value)
-            kind = "a list of whole numbers"
-        case _:
-            good, kind = isinstance(value, str), "a word"
-    if not good:
-        raise ConfigError(f"{name} must be {kind}, got {value!r}")
+        """Plain values of the fields that this policy and algorithm have, for TOML and JSON."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in dataclasses.asdict(self).items()
+            if applies(name, self.algorithm, self.policy)
+        }

@@ -12,10 +12,11 @@ from jaxtyping import Int, PRNGKeyArray
 
 from ..envs.spaces import UNBOUNDED
 from ..policies.distributions import Distribution
-from ..policies.mlp import MLP
+from ..policies.mlp import MLPActor
+from ..policies.soft_tree import SoftTree
 from ..policies.tree import Tree
 from ..types import Transition
-from .config import Hyperparameters, PPOConfig
+from .config import Config, Hyperparameters
 from .optimizer import Networks, optimizer
 from .state import Episodes, Losses, Normalizer, TrainState, Validation
 
@@ -41,7 +42,7 @@ def purpose_key(seed: Int[Array, ""], purpose: Literal["init", "train", "validat
     return jax.random.fold_in(jax.random.key(seed), PURPOSES.index(purpose))
 
 
-def normalizer_of(space: Bounded, config: PPOConfig) -> tuple[Normalizer, np.ndarray]:
+def normalizer_of(space: Bounded, config: Config) -> tuple[Normalizer, np.ndarray]:
     """The scaling that needs no data, and for which features it is final.
 
     Features with finite bounds go to [−1, 1]; the others keep their size until `refit_normalizer`.
@@ -67,35 +68,59 @@ def refit_normalizer(normalizer: Normalizer, rollout: Transition, bounded: np.nd
 
 
 def init_networks(
-    config: PPOConfig,
+    config: Config,
     distribution: Distribution,
     num_features: int,
     hyper: Hyperparameters,
     key: PRNGKeyArray,
 ) -> Networks:
-    """A random tree and a random critic."""
+    """A random actor and a random critic."""
     actor_key, critic_key = jax.random.split(key)
-    architecture: dict[str, Any] = {
-        "depth": config.depth,
-        "num_features": num_features,
-        "surrogate": config.surrogate,
-        "temperature": config.temperature,
-        "threshold_std": hyper.threshold_std_init,
-    }
-    actor = Tree.create(
+    outputs = {"num_outputs": distribution.num_outputs, "num_std": distribution.num_std}
+    actor = _network(
+        config.policy,
+        config,
+        num_features,
+        hyper,
         actor_key,
-        num_outputs=distribution.num_outputs,
-        num_std=distribution.num_std,
+        hidden=config.actor_hidden,
         log_std=hyper.log_std_init,
-        **architecture,
+        **outputs,
     )
-    if config.critic == "tree":
-        return Networks(actor, Tree.create(critic_key, num_outputs=1, **architecture))
-    return Networks(actor, MLP.create(critic_key, (num_features, *config.critic_hidden, 1)))
+    critic = _network(config.critic, config, num_features, hyper, critic_key, hidden=config.critic_hidden)
+    return Networks(actor, critic.net if isinstance(critic, MLPActor) else critic)
+
+
+def _network(
+    kind: str,
+    config: Config,
+    num_features: int,
+    hyper: Hyperparameters,
+    key: PRNGKeyArray,
+    *,
+    hidden: tuple[int, ...],
+    num_outputs: int = 1,
+    num_std: int = 0,
+    log_std: Any = 0.0,
+) -> Any:
+    std = {"num_std": num_std, "log_std": log_std}
+    if kind == "mlp":
+        return MLPActor.create(key, (num_features, *hidden, num_outputs), **std)
+    size = {"depth": config.depth, "num_features": num_features, "num_outputs": num_outputs}
+    if kind == "sdt":
+        return SoftTree.create(key, temperature=config.temperature, **size, **std)
+    return Tree.create(
+        key,
+        surrogate=config.surrogate,
+        temperature=config.temperature,
+        threshold_std=hyper.threshold_std_init,
+        **size,
+        **std,
+    )
 
 
 def init_state(
-    config: PPOConfig,
+    config: Config,
     distribution: Distribution,
     normalizer: Normalizer,
     hyper: Hyperparameters,

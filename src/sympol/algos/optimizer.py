@@ -12,24 +12,32 @@ from jax import Array
 from jaxtyping import Float
 
 from ..policies.mlp import MLP
+from ..policies.soft_tree import SoftTree
 from ..policies.tree import Tree
 from .config import Hyperparameters
 
 ADAM_EPS = 1e-5
-DECAYED = ("feature_logits", "leaf_values")
-"""Weight decay keeps choices of features and actions revisable; a threshold's size means nothing."""
+DECAYED = ("feature_logits", "leaf_values", "actor")
+"""Weight decay keeps choices of features and actions revisable; the size of a tree's threshold means nothing."""
 
 
 class Networks(NamedTuple):
     """What is trained: the policy and the value function, apart from each other."""
 
-    actor: Tree
-    critic: MLP | Tree
+    actor: Any
+    """An `Actor`."""
+    critic: MLP | Tree | SoftTree
 
 
 def labels(networks: Networks) -> Networks:
-    """The group of each parameter: the name of its field in the actor, "critic" in the critic."""
-    actor = jax.tree_util.tree_map_with_path(lambda path, _: path[-1].name, networks.actor)
+    """The group of each parameter: "critic"; in a tree that acts its field; in other actors "log_std" or "actor"."""
+    is_tree = isinstance(networks.actor, Tree)
+
+    def of_actor(path: Any, _: Array) -> str:
+        name = getattr(path[-1], "name", "")
+        return name if is_tree or name == "log_std" else "actor"
+
+    actor = jax.tree_util.tree_map_with_path(of_actor, networks.actor)
     return Networks(actor, jax.tree.map(lambda _: "critic", networks.critic))
 
 

@@ -10,7 +10,7 @@ import optax
 from jax import Array
 from jaxtyping import Bool, Float, Int, UInt32
 
-from ..policies.tree import Tree
+from ..policies.actor import Actor
 from .optimizer import Networks
 
 PATIENCE = 5
@@ -86,18 +86,18 @@ class Validation(NamedTuple):
     last_return: Float[Array, ""]
     best_return: Float[Array, ""]
     best_timestep: Int[Array, ""]
-    best_actor: Tree
+    best_actor: Actor
     num_bad: Int[Array, ""]
     lr_factor: Float[Array, ""]
 
     @staticmethod
-    def create(actor: Tree) -> Validation:
+    def create(actor: Actor) -> Validation:
         """Before the first validation."""
         nothing = jnp.float32(-jnp.inf)
         return Validation(nothing, nothing, jnp.int32(0), actor, jnp.int32(0), jnp.float32(1))
 
     def update(
-        self, score: Float[Array, ""], timestep: Int[Array, ""], actor: Tree, *, reduce_lr: bool
+        self, score: Float[Array, ""], timestep: Int[Array, ""], actor: Actor, *, reduce_lr: bool
     ) -> Validation:
         """Keep the best tree (higher is better; of equals the later).
 

@@ -27,12 +27,12 @@ from ..envs.spec import EnvSpec
 from ..functional.schedules import stage
 from ..policies.distributions import Distribution, distribution_of
 from ..types import Transition
+from . import a2c, ppo
 from .bounds import watch_bounds
 from .collect import collect, empty_rollout, reset_envs
 from .collect_host import HostCollector
-from .config import Hyperparameters, PPOConfig
+from .config import Config, Hyperparameters
 from .init import init_state, normalizer_of, purpose_key, refit_normalizer
-from .ppo import learn
 from .state import Episodes, TrainState, tree_where
 from .validate import validate
 
@@ -42,16 +42,18 @@ COMPILER_OPTIONS: dict[str, bool | str] = {
 }
 """Of LLVM: it compiles in three fifths of the time and, these loops being what they are, runs no slower."""
 
+LEARN = {"ppo": ppo.learn, "a2c": a2c.learn}
+
 Segment = Callable[[Hyperparameters, Any, TrainState, Any, Any], TrainState]
 
 
-def stops(config: PPOConfig) -> list[int]:
+def stops(config: Config) -> list[int]:
     """The timesteps after which the training validates, reports and saves."""
     evenly = np.linspace(0, config.total_timesteps, config.num_evals + 1)[1:]
     return sorted({int(np.ceil(stop)) for stop in evenly})
 
 
-def make_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
+def make_segment(env: Env, config: Config) -> tuple[Segment, TrainState]:
     """The function ``segment(hyper, seed, state, first, stop)`` and a state of zeros to start it with.
 
     With ``first`` the state's values are ignored and a new training begins. A pure function: jit it, vmap it
@@ -97,7 +99,7 @@ def make_segment(env: Env, config: PPOConfig) -> tuple[Segment, TrainState]:
 
 
 def improve(
-    config: PPOConfig,
+    config: Config,
     distribution: Distribution,
     bounded: np.ndarray,
     hyper: Hyperparameters,
@@ -110,7 +112,7 @@ def improve(
     """What a rollout is for: an update, or the scale of the features if it is the first and they have none."""
 
     def update(state: TrainState) -> TrainState:
-        return learn(config, distribution, hyper, state, rollout, next_x, k, key)
+        return LEARN[config.algorithm](config, distribution, hyper, state, rollout, next_x, k, key)
 
     def warm_up(state: TrainState) -> TrainState:
         return state._replace(normalizer=refit_normalizer(state.normalizer, rollout, bounded))
@@ -119,7 +121,7 @@ def improve(
     return state._replace(timestep=state.timestep + (config.chunk_size << k), iteration=state.iteration + 1)
 
 
-def with_score(config: PPOConfig, state: TrainState, score: Array) -> TrainState:
+def with_score(config: Config, state: TrainState, score: Array) -> TrainState:
     """The state after a validation."""
     validation = state.validation.update(
         score, state.timestep, state.networks.actor, reduce_lr=config.reduce_lr
@@ -156,7 +158,7 @@ class Trainer(abc.ABC):
 class CompiledTrainer(Trainer):
     """Of a pure-JAX environment: a segment is one call."""
 
-    def __init__(self, env: Env, config: PPOConfig, seed: int) -> None:
+    def __init__(self, env: Env, config: Config, seed: int) -> None:
         self._program = _program(env, config.static())
         self._hyper, self._seed = config.hyperparameters(), np.uint32(seed)
 
@@ -196,7 +198,7 @@ class _Compiled:
         return self._executable(*arguments)  # pyright: ignore[reportOptionalCall]
 
 
-def _program(env: Env, config: PPOConfig) -> _Compiled:
+def _program(env: Env, config: Config) -> _Compiled:
     try:
         hash(env)
     except TypeError:  # nothing to know it by: compiled anew for each training
@@ -205,7 +207,7 @@ def _program(env: Env, config: PPOConfig) -> _Compiled:
 
 
 @functools.lru_cache(maxsize=8)
-def _known_program(env: Env, config: PPOConfig) -> _Compiled:
+def _known_program(env: Env, config: Config) -> _Compiled:
     return _Compiled(*make_segment(env, config))
 
 
@@ -216,7 +218,7 @@ class HostTrainer(Trainer):
     depends on nothing that a checkpoint could not hold.
     """
 
-    def __init__(self, spec: EnvSpec, config: PPOConfig, seed: int) -> None:
+    def __init__(self, spec: EnvSpec, config: Config, seed: int) -> None:
         self._config, self._seed, self._hyper = config, seed, config.hyperparameters()
         distribution = self._distribution = distribution_of(spec.action_space)
         normalizer, bounded = normalizer_of(spec.features, config)
@@ -296,7 +298,7 @@ def _named_step(state: TrainState, where: str) -> Iterator[None]:
         raise EnvironmentFailure(f"at training step {int(state.timestep):,}, {where}: {failure}") from failure
 
 
-def make_trainer(spec: EnvSpec, config: PPOConfig, seed: int) -> Trainer:
+def make_trainer(spec: EnvSpec, config: Config, seed: int) -> Trainer:
     """Compiled where the environment is written in JAX, through the host otherwise."""
     if spec.env is not None:
         return CompiledTrainer(spec.env, config, seed)

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import tyro
 
-from ..algos.config import PPOConfig
+from ..algos.config import Config
 from ..algos.presets import DEFAULT, preset
 from ..envs.spec import Backend
 
@@ -25,7 +25,7 @@ Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export", "Watch")
 
 @dataclass
 class Train:
-    """Train a decision tree by PPO and keep everything in one folder."""
+    """Train a decision tree (or a rival: --policy) by PPO (or A2C: --algorithm) and keep everything in one folder."""
 
     env: Text
     """Gymnasium id, such as CartPole-v1."""
@@ -61,7 +61,7 @@ class Train:
     json: bool = False
     """Print the summary as one line of JSON and nothing else on the standard output."""
 
-    config: Annotated[PPOConfig, tyro.conf.arg(name="")] = field(default_factory=PPOConfig)
+    config: Annotated[Config, tyro.conf.arg(name="")] = field(default_factory=Config)
 
 
 @dataclass
@@ -159,7 +159,7 @@ def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Gi
             raise
         raise ValueError(f"{_first_box(said.getvalue())} (see sympol {command} --help)") from None
     if unknown:
-        kinds = (kind, PPOConfig) if kind is Train else (kind,)
+        kinds = (kind, Config) if kind is Train else (kind,)
         flags = [f"--{f.name}".replace("_", "-") for k in kinds for f in dataclasses.fields(k)]
         near = difflib.get_close_matches(unknown[0].replace("_", "-"), flags)
         hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
@@ -186,11 +186,12 @@ def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
 def parse_train(arguments: Sequence[str]) -> Train:
     """In two passes: the first finds environment and preset, from which the flags not given take their values."""
     asks = {"-h", "--help"} & set(arguments)
-    first = Train("", config=PPOConfig())
+    first = Train("")
     with contextlib.suppress(ValueError):  # the second pass says it
         first = parse(Train, "train", [a for a in arguments if a not in asks], first)
-    values = preset(first.env, first.preset)
-    return parse(Train, "train", arguments, Train("", config=PPOConfig.from_dict(values)))
+    which = {"algorithm": first.config.algorithm, "policy": first.config.policy}
+    values = preset(first.env, first.preset, **which)
+    return parse(Train, "train", arguments, Train("", config=Config.from_dict({**which, **values})))
 
 
 def _first_box(text: str) -> str:

@@ -13,25 +13,25 @@ from importlib import import_module
 from typing import Any
 
 from .. import STARTED
-from ..agents import PPO, Report
+from ..agents import Agent, Report
 from ..envs import pool
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..play import play
 from ..runs.folder import Run, versions
 from ..runs.metrics import TensorBoard
+from ..trees import DecisionTree
 from .say import err, out, print_error, print_next, summary_words, warnings_in_one_line
 
 EVAL_SEED = 1
 """Of the test episodes at the end of a training; training and validation have streams of their own."""
 
 
-def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboard: bool) -> int:
+def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorboard: bool) -> int:
     """Train ``agent`` to the end, keep all of it in ``run``, print the summary; return the exit status."""
     board = TensorBoard(run.path / "tensorboard") if tensorboard else None
     err.print(
-        f"training a tree of depth {agent.config.depth} on {agent.spec.name}, seed {agent.seed}, "
-        f"{_through(agent.spec)}; run: {run.path}",
+        f"training {_what(agent)} on {agent.spec.name}, seed {agent.seed}, {_through(agent.spec)}; run: {run.path}",
         markup=False,
     )
 
@@ -73,10 +73,21 @@ def learn(agent: PPO, run: Run, eval_episodes: int, as_json: bool, *, tensorboar
     if as_json:
         print(json.dumps(summary))
     else:
-        out.print(run.load_tree().to_text(), markup=False)
+        if agent.has_tree:
+            out.print(run.load_tree().to_text(), markup=False)
         out.print(summary_words(summary))
-        print_next(run.path)
+        print_next(run.path, has_tree=agent.has_tree)
     return 0
+
+
+def _what(agent: Agent) -> str:
+    config = agent.config
+    hidden = " × ".join(str(width) for width in config.actor_hidden)
+    return {
+        "tree": f"a tree of depth {config.depth}",
+        "sdt": f"a soft tree of depth {config.depth}",
+        "mlp": f"an MLP ({hidden})",
+    }[config.policy]
 
 
 def _through(spec: EnvSpec) -> str:
@@ -108,31 +119,28 @@ def _ask_to_stop(has_begun: Callable[[], bool]) -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-def _finish(agent: PPO, run: Run, eval_episodes: int) -> dict[str, Any]:
-    """Test the tree, count its visits, write it in every form."""
+def _finish(agent: Agent, run: Run, eval_episodes: int) -> dict[str, Any]:
+    """Test the policy; of a tree, count its visits and write it in every form."""
     assert agent.state is not None
-    full, tree = agent.tree(prune=False), agent.tree()
     validation = agent.state.validation
+    tree = agent.tree() if agent.has_tree else None
     summary: dict[str, Any] = {
         "env": agent.spec.name,
         "seed": agent.seed,
         "timesteps": agent.num_timesteps,
-        "nodes": tree.n_nodes,
-        "nodes_unpruned": full.n_nodes,
-        "leaves": tree.n_leaves,
-        "depth": tree.depth,
+        **({} if tree is None else _size(tree, agent.tree(prune=False))),
         "validation_return": float(validation.best_return),
         "best_timestep": int(validation.best_timestep),
     }
     if agent.spec.make_host is not None:
         try:
-            episodes = play(tree, agent.spec, eval_episodes, seed=EVAL_SEED)
-            sampled = play(full, agent.spec, eval_episodes, seed=EVAL_SEED, deterministic=False)
+            episodes = play(tree or agent, agent.spec, eval_episodes, seed=EVAL_SEED)
+            sampled = play(agent, agent.spec, eval_episodes, seed=EVAL_SEED, deterministic=False)
         except Exception as error:
             raise EnvironmentFailure(
                 f"in the test episodes, after training: {type(error).__name__}: {error}"
             ) from error
-        tree = tree.with_visits(episodes.observations)
+        tree = tree and tree.with_visits(episodes.observations)
         summary |= {
             "return_mean": float(episodes.returns.mean()),
             "return_std": float(episodes.returns.std()),
@@ -141,11 +149,21 @@ def _finish(agent: PPO, run: Run, eval_episodes: int) -> dict[str, Any]:
             "episodes": eval_episodes,
             "eval_seed": EVAL_SEED,
         }
-    run.save_tree(tree)
+    if tree is not None:
+        run.save_tree(tree)
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
 
 
-def _stopped(agent: PPO, run: Run, stop: BaseException) -> int:
+def _size(tree: DecisionTree, full: DecisionTree) -> dict[str, int]:
+    return {
+        "nodes": tree.n_nodes,
+        "nodes_unpruned": full.n_nodes,
+        "leaves": tree.n_leaves,
+        "depth": tree.depth,
+    }
+
+
+def _stopped(agent: Agent, run: Run, stop: BaseException) -> int:
     """Keep what there is and say how to go on."""
     if isinstance(stop, EnvironmentFailure):
         print_error(stop)

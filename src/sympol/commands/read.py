@@ -7,11 +7,18 @@ from collections.abc import Sequence
 
 from rich.markup import escape
 
+from ..agents import Agent, load
 from ..evaluate import evaluate_policy
 from ..runs.folder import Run, RunError
 from ..runs.progress import decimals
+from ..trees import DecisionTree
 from .arguments import Eval, Export, Show, parse
 from .say import err, one_line_errors, out, summary_words
+
+
+def policy_of(run: Run) -> Agent | DecisionTree:
+    """What acts: the tree, which needs nothing else to be read, or the agent whose policy is none."""
+    return run.load_tree() if run.has_tree else load(run.path)
 
 
 @one_line_errors()
@@ -20,7 +27,7 @@ def evaluate(arguments: Sequence[str]) -> int:
     given = parse(Eval, "eval", arguments)
     run = Run.open(given.run)
     spec = run.resolve_env()
-    mean, std = evaluate_policy(run.load_tree(), spec, given.episodes, seed=given.seed)
+    mean, std = evaluate_policy(policy_of(run), spec, given.episodes, seed=given.seed)
     result = {
         "env": spec.name,
         "return_mean": mean,

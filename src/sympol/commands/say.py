@@ -72,10 +72,11 @@ def summary_words(summary: dict[str, Any]) -> str:
             f"{summary['episodes']:,} test episodes on Gymnasium (sampling its actions: "
             f"{summary['sampled_return_mean']:,.{n}f})"
         )
-    lines.append(
-        f"size     [bold]{summary['nodes']:,}[/] nodes, {summary['leaves']:,} leaves, depth {summary['depth']:,} "
-        f"(before pruning {summary['nodes_unpruned']:,} nodes)"
-    )
+    if "nodes" in summary:
+        lines.append(
+            f"size     [bold]{summary['nodes']:,}[/] nodes, {summary['leaves']:,} leaves, depth {summary['depth']:,} "
+            f"(before pruning {summary['nodes_unpruned']:,} nodes)"
+        )
     if "training_seconds" in summary:
         lines.append(
             f"time     {summary['wall_seconds']:.1f} s in all: {summary['compile_seconds']:.1f} s compiling, "
@@ -84,18 +85,23 @@ def summary_words(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def print_next(path: Path) -> None:
+def print_next(path: Path, *, has_tree: bool = True) -> None:
     """What can be done with the run that is at ``path``."""
     out.print()
     called = Path(sys.argv[0])  # by `make train` sympol is not on the PATH: say it so that it can be pasted
     on_path = called.name != "sympol" or shutil.which("sympol")
     sympol = "sympol" if on_path else shlex.quote(os.path.relpath(called))
     run = shlex.quote(str(path))
-    for command, what in (
-        (f"{sympol} show {run}", "this tree again"),
-        (f"{sympol} eval {run} --episodes 100 --seed 7", "more test episodes"),
-        (f"{sympol} watch {run}", "a film of an episode beside the tree"),
-        (f"{sympol} export {run} --to python", "the policy as a program without dependencies"),
-    ):
+    steps = [(f"{sympol} eval {run} --episodes 100 --seed 7", "more test episodes")]
+    if has_tree:
+        steps = [
+            (f"{sympol} show {run}", "this tree again"),
+            *steps,
+            (f"{sympol} watch {run}", "a film of an episode beside the tree"),
+            (f"{sympol} export {run} --to python", "the policy as a program without dependencies"),
+            (str(path / "tree.svg"), "the picture"),
+        ]
+    else:
+        steps.append((f"{sympol} distill {run}", "a tree that does nearly the same"))
+    for command, what in steps:
         out.print(f"  {command:<55} {what}", style="dim", markup=False)
-    out.print(f"  {path / 'tree.svg'!s:<55} the picture", style="dim", markup=False)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..agents import PPO, load
+from ..agents import Agent, agent_of, load
 from ..envs.registry import resolve
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run, RunError
@@ -27,7 +26,7 @@ def train(arguments: Sequence[str]) -> int:
     if not given.env:
         raise ValueError("name an environment, as in: sympol train CartPole-v1")
     spec = resolve(given.env, env_kwargs=env_kwargs(given.env_kwargs), backend=given.backend)
-    agent = PPO("tree", spec, seed=given.seed, **dataclasses.asdict(given.config))
+    agent = agent_of(spec, given.config, given.seed)
     if given.resume:
         return _continue(_same_run(given, agent), given.eval_episodes, given.json)
     if given.tensorboard:
@@ -52,7 +51,7 @@ def resume(arguments: Sequence[str]) -> int:
     return _continue(given.run, given.eval_episodes, given.json)
 
 
-def _same_run(given: Train, agent: PPO) -> Path:
+def _same_run(given: Train, agent: Agent) -> Path:
     """The folder to go on in, where what was given does not contradict it."""
     if given.run_dir is None or given.overwrite:
         raise RunError("--resume needs the folder to go on in, as --run-dir, and cannot go with --overwrite")

@@ -9,6 +9,7 @@ from rich.markup import escape
 from ..evaluate import watch as make_film
 from ..runs.folder import Run, RunError
 from .arguments import Watch, parse
+from .read import policy_of
 from .say import err, one_line_errors, out
 
 FILE = "episode.gif"
@@ -21,11 +22,11 @@ def watch(arguments: Sequence[str]) -> int:
     """``sympol watch``."""
     given = parse(Watch, "watch", arguments)
     run = Run.open(given.run)
-    tree, spec, path = run.load_tree(), run.resolve_env(), given.out or run.path / FILE
+    policy, spec, path = policy_of(run), run.resolve_env(), given.out or run.path / FILE
     try:
         with err.status("") as status:
             film = make_film(
-                tree,
+                policy,
                 spec,
                 path,
                 episodes=given.episodes,

@@ -49,6 +49,15 @@ def entmax15_vjp(logits: Float[Array, "rows n"], v: Float[Array, "rows n"]) -> F
     return _product(_root(logits.T, 0), v.T, 0).T
 
 
+def entmoid15(z: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """The first of the two probabilities entmax15([z, 0]): a sigmoid that is 0 below −2 and 1 above 2.
+
+    With a = z/2 the threshold of two entries solves (a − t)² + t² = 1, so p = ((a + √(2 − a²))/2)² for |a| < 1.
+    """
+    a = jnp.clip(0.5 * z, -1.0, 1.0)
+    return jnp.square(0.5 * (a + jnp.sqrt(2.0 - a * a)))
+
+
 def _root(logits: Array, axis: int) -> Array:
     """√entmax15: all that the derivative needs."""
     half = logits * 0.5

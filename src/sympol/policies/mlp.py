@@ -1,4 +1,4 @@
-"""The critic: a multilayer perceptron."""
+"""The multilayer perceptron: as the critic, and as an actor to compare with."""
 
 from __future__ import annotations
 
@@ -36,3 +36,29 @@ class MLP(eqx.Module):
         for weight, bias in hidden:
             x = jnp.tanh(x @ weight + bias[None])
         return x @ last[0] + last[1][None]
+
+
+class MLPActor(eqx.Module):
+    """An MLP that acts; ``log_std`` has one entry per continuous action dimension."""
+
+    net: MLP
+    log_std: Float[Array, " num_std"]
+
+    @staticmethod
+    def create(
+        key: PRNGKeyArray,
+        sizes: tuple[int, ...],
+        *,
+        num_std: int = 0,
+        log_std: Float[Array, ""] | float = 0.0,
+    ) -> MLPActor:
+        """Layers of the sizes given, the features first and the outputs last."""
+        return MLPActor(MLP.create(key, sizes), jnp.full((num_std,), log_std))
+
+    def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
+        """Forward."""
+        return self.net(x)
+
+    def rollout(self) -> MLP:
+        """The network alone."""
+        return self.net

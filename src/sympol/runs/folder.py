@@ -26,7 +26,7 @@ from typing import Any
 import tomli_w
 
 from .. import __version__
-from ..algos.config import ConfigError, PPOConfig
+from ..algos.config import Config, ConfigError
 from ..algos.state import TrainState
 from ..envs import pool
 from ..envs.registry import UnknownEnvironment, resolve
@@ -70,7 +70,7 @@ class RunError(RuntimeError):
 class Run:
     """One run's folder; see the module for what is in it."""
 
-    def __init__(self, path: Path, about: Mapping[str, Any], config: PPOConfig) -> None:
+    def __init__(self, path: Path, about: Mapping[str, Any], config: Config) -> None:
         self.path, self.about, self.config = path, about, config
         self.metrics = MetricsFile(path / "metrics.csv")
 
@@ -79,7 +79,7 @@ class Run:
         cls,
         path: Path,
         spec: EnvSpec,
-        config: PPOConfig,
+        config: Config,
         seed: int,
         *,
         preset: str = "default",
@@ -105,8 +105,6 @@ class Run:
         about = {
             "format": FORMAT,
             "sympol": __version__,
-            "algorithm": "ppo",
-            "policy": "tree",
             "env": spec.name,
             "backend": spec.backend,
             "seed": seed,
@@ -162,7 +160,7 @@ class Run:
                 raise RunError(f"{path / 'config.toml'}: {name} must be a {kind.__name__}, got {value!r}")
         try:
             about["groups"] = [Group(**group) for group in about["groups"]]
-            return cls(path, about, PPOConfig.from_dict(config))
+            return cls(path, about, Config.from_dict(config))
         except (ConfigError, TypeError, ValueError) as error:
             raise RunError(f"{path / 'config.toml'}: {error}") from error
 
@@ -170,6 +168,11 @@ class Run:
     def seed(self) -> int:
         """The training's seed."""
         return int(self.about["seed"])
+
+    @property
+    def has_tree(self) -> bool:
+        """Whether its policy is a tree."""
+        return self.config.policy == "tree"
 
     def resolve_env(self, env: Any = None) -> EnvSpec:
         """The environment the run was made on, or ``env`` in its place, under the names of the run.
@@ -236,6 +239,11 @@ class Run:
             RunError: there is none yet, or it is damaged.
         """
         file = self.path / "policy.json"
+        if not self.has_tree:
+            raise RunError(
+                f"{self.path} holds {self.config.policy!r}, which is no tree; make one of it: "
+                f"sympol distill {self.path}"
+            )
         try:
             return DecisionTree.from_json(file.read_text(encoding="utf-8"))
         except FileNotFoundError as error:

@@ -1,0 +1,135 @@
+"""What a field of a config may be: its range, its choices, and to which policies and algorithms it belongs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .config import Config
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be trained; the message names the value, the rule and the remedy."""
+
+
+RANGES: tuple[tuple[str, float, float], ...] = (
+    ("total_timesteps", 1, 2**29),
+    ("depth", 1, 14),
+    ("num_envs", 1, 65536),
+    ("num_steps", 1, 2**20),
+    ("minibatch_size", 1, 2**24),
+    ("num_epochs", 1, 1000),
+    ("growth", 1, 128),
+    ("num_evals", 1, 10_000),
+    ("num_eval_episodes", 1, 100_000),
+    ("learning_rate_feature_logits", 0, 10),
+    ("learning_rate_thresholds", 0, 10),
+    ("learning_rate_leaf_values", 0, 10),
+    ("learning_rate_actor", 0, 10),
+    ("learning_rate_log_std", 0, 10),
+    ("learning_rate_critic", 0, 10),
+    ("lr_end_factor", 0, 1),
+    ("weight_decay", 0, 10),
+    ("max_grad_norm", 1e-6, math.inf),
+    ("gamma", 0, 1),
+    ("gae_lambda", 0, 1),
+    ("clip_eps", 1e-6, 100),
+    ("ent_coef", 0, 100),
+    ("ent_end_factor", -100, 1),
+    ("vf_coef", 0, 100),
+    ("log_std_init", -10, 3),
+    ("reward_scale", 1e-9, 1e9),
+    ("threshold_std_init", 0, 1000),
+    ("temperature", 2**-10, 2**10),
+)
+
+CHOICES = {
+    "algorithm": ("ppo", "a2c"),
+    "policy": ("tree", "mlp", "sdt"),
+    "surrogate": ("sigmoid", "softsign"),
+    "critic": ("mlp", "tree", "sdt"),
+}
+
+OWNERS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("depth", "temperature"), ("tree", "sdt")),
+    **dict.fromkeys(
+        (
+            "surrogate",
+            "threshold_std_init",
+            "learning_rate_feature_logits",
+            "learning_rate_thresholds",
+            "learning_rate_leaf_values",
+        ),
+        ("tree",),
+    ),
+    "actor_hidden": ("mlp",),
+    "learning_rate_actor": ("mlp", "sdt"),
+    **dict.fromkeys(("minibatch_size", "num_epochs", "dynamic_batch", "clip_eps"), ("ppo",)),
+}
+"""Fields that not everybody has, and who has them."""
+
+
+def applies(name: str, algorithm: str, policy: str) -> bool:
+    """Whether a field means anything for this algorithm and policy."""
+    owners = OWNERS.get(name, (policy,))
+    return policy in owners or algorithm in owners
+
+
+def check_fields(config: Config) -> None:
+    """Raise ConfigError at the first field that breaks its rule."""
+    for field in dataclasses.fields(config):
+        _check_type(field.name, getattr(config, field.name), getattr(type(config), field.name))
+    for name, low, high in RANGES:
+        value = getattr(config, name)
+        if not low <= value <= high:
+            deep = name == "depth" and value > high
+            hint = f"; a tree of depth {value} has 2^{value} leaves" if deep else ""
+            raise ConfigError(f"{name} must be between {low} and {high}, got {value}{hint}")
+    for name, choices in CHOICES.items():
+        if getattr(config, name) not in choices:
+            raise ConfigError(f"{name} must be one of {', '.join(choices)}, got {getattr(config, name)!r}")
+    for name in ("actor_hidden", "critic_hidden"):
+        if any(width < 1 for width in getattr(config, name)):
+            raise ConfigError(f"{name} must hold positive widths, got {getattr(config, name)}")
+    if config.growth & (config.growth - 1):
+        raise ConfigError(f"growth must be a power of two, as the rollout doubles, got {config.growth}")
+    if config.policy == "tree" and math.frexp(config.temperature)[0] != 0.5:
+        raise ConfigError(
+            f"temperature must be a power of two, got {config.temperature}: dividing by anything else rounds, and "
+            "would move observations across their thresholds"
+        )
+    if config.critic != "mlp" and config.critic != config.policy:
+        raise ConfigError(
+            f"critic must be mlp or, as it shares the actor's architecture, {config.policy!r}, got {config.critic!r}"
+        )
+    for field in dataclasses.fields(config):
+        if not applies(field.name, config.algorithm, config.policy):
+            _check_unused(config, field.name)
+
+
+def _check_unused(config: Config, name: str) -> None:
+    if getattr(config, name) != getattr(type(config), name):
+        owners = OWNERS[name]
+        mine = config.algorithm if owners == ("ppo",) else config.policy
+        raise ConfigError(f"{name} belongs to {' and '.join(owners)}; {mine} has none, so leave it out")
+
+
+def _check_type(name: str, value: object, default: object) -> None:
+    """A field has the type of its default; a whole number will do for a float, a bool for nothing else."""
+    match default:
+        case bool():
+            good, kind = isinstance(value, bool), "true or false"
+        case int():
+            good, kind = isinstance(value, int) and not isinstance(value, bool), "a whole number"
+        case float():
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            good, kind = whole or (isinstance(value, float) and not math.isnan(value)), "a number"
+        case tuple():
+            good = isinstance(value, tuple) and all(type(v) is int for v in value)
+            kind = "a list of whole numbers"
+        case _:
+            good, kind = isinstance(value, str), "a word"
+    if not good:
+        raise ConfigError(f"{name} must be {kind}, got {value!r}")
