@@ -225,7 +225,8 @@ def test_the_user_s_names_are_everywhere(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "options", "error", "message"),
     [
-        (("mlp", "CartPole-v1"), {}, ValueError, "policy must be one of tree, got 'mlp'"),
+        (("forest", "CartPole-v1"), {}, ConfigError, "policy must be one of tree, mlp, sdt, got 'forest'"),
+        (("mlp", "CartPole-v1"), {"depth": 3}, ConfigError, "depth belongs to tree and sdt; mlp has none"),
         (("tree", "CartPoel-v1"), {}, UnknownEnvironment, "did you mean 'CartPole-v1'"),
         (("tree", "CartPole-v1"), {"seed": -1}, ValueError, "seed must be a whole number"),
         (("tree", "CartPole-v1"), {"seed": 1.5}, ValueError, "seed must be a whole number"),
@@ -237,7 +238,12 @@ def test_the_user_s_names_are_everywhere(tmp_path):
             "unknown config field 'detph'; did you mean depth",
         ),
         (("tree", "CartPole-v1"), {"gamma": float("nan")}, ConfigError, "gamma must be a number, got nan"),
-        (("tree", "CartPole-v1"), {"preset": "nope"}, ConfigError, "no preset 'nope'; it has "),
+        (
+            ("tree", "CartPole-v1"),
+            {"preset": "nope"},
+            ConfigError,
+            "no preset 'nope' for ppo with tree; it has ",
+        ),
         (("tree", "CartPole-v1"), {"feature_names": ["a"]}, ValueError, "must have 4 names, got 1"),
         (("tree", "CartPole-v1"), {"action_names": ["a", "a"]}, ValueError, "must differ from each other"),
         (("tree", 42), {}, TypeError, "env must be an id"),

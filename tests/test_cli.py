@@ -15,6 +15,7 @@ import pytest
 
 import sympol
 from sympol.algos.config import Config
+from sympol.algos.rules import applies
 from sympol.commands import COMMANDS
 from sympol.runs.folder import Run
 from sympol.runs.metrics import COLUMNS, TensorBoard
@@ -201,12 +202,17 @@ def test_help_shows_the_environment_s_own_preset(capsys):
                 assert f"(default: {value})" in said
 
 
-def test_every_field_is_a_flag(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("algorithm", "policy"), [("ppo", "tree"), ("a2c", "sdt"), ("ppo", "mlp")])
+def test_every_field_is_a_flag(tmp_path, monkeypatch, algorithm, policy):
     """Each is set to something new; the last check stops the command before it trains."""
-    new: dict[str, object] = {"surrogate": "softsign", "critic": "tree", "critic_hidden": (7, 9), "depth": 4}
-    words = []
+    given: dict[str, object] = {"surrogate": "softsign", "critic": policy, "depth": 4, "growth": 16}
+    given |= {"critic_hidden": (7, 9), "actor_hidden": (5, 3), "algorithm": algorithm, "policy": policy}
+    new, words = {}, []
     for field in dataclasses.fields(Config):
-        value = new.get(field.name)
+        if not applies(field.name, algorithm, policy):
+            new[field.name] = field.default
+            continue
+        value = given.get(field.name)
         if value is None:
             old = field.default
             value = (not old) if isinstance(old, bool) else 0.5 if isinstance(old, float) else old + 1
@@ -263,7 +269,7 @@ def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
         (["CartPole-v1", "--depth"], "--depth"),
         (["CartPole-v1", "Pendulum-v1"], "unknown argument 'Pendulum-v1'"),
         (["CartPole-v1", "--seed", "-1"], "seed must be a whole number from 0"),
-        (["CartPole-v1", "--preset", "nope"], "CartPole-v1 has no preset 'nope'; it has "),
+        (["CartPole-v1", "--preset", "nope"], "CartPole-v1 has no preset 'nope' for ppo with tree; it has "),
         (["CartPole-v1", "--backend", "gpu"], "invalid choice 'gpu'"),
         (["CartPole-v1", "--eval-episodes", "0"], "--eval-episodes must be at least 1, got 0"),
         (["Blackjack-v1", "--backend", "jax"], "Blackjack-v1 is not written in JAX"),

@@ -9,11 +9,12 @@ import re
 import numpy as np
 import pytest
 
-from sympol.algos.config import _RANGES, Config, ConfigError, Hyperparameters
+from sympol.algos.config import Config, ConfigError, Hyperparameters
+from sympol.algos.rules import OWNERS, RANGES
 
 FIELDS = {field.name: field.default for field in dataclasses.fields(Config)}
 NUMBERS = {name for name, default in FIELDS.items() if type(default) in (int, float)}
-RULES = {name: (low, high) for name, low, high in _RANGES}
+RULES = {name: (low, high) for name, low, high in RANGES}
 
 
 def refused(name: str, value: object) -> str:
@@ -22,6 +23,42 @@ def refused(name: str, value: object) -> str:
     message = str(error.value)
     assert name in message
     return message
+
+
+def whose(name: str) -> dict[str, str]:
+    """An algorithm and a policy that have the field."""
+    owner = OWNERS.get(name, ("tree",))[0]
+    return {"algorithm" if owner in ("ppo", "a2c") else "policy": owner}
+
+
+@pytest.mark.parametrize("name", sorted(OWNERS))
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c"])
+@pytest.mark.parametrize("policy", ["tree", "mlp", "sdt"])
+def test_a_field_of_others_is_refused_and_not_written(name, algorithm, policy):
+    new = {"surrogate": "softsign", "dynamic_batch": False, "actor_hidden": (3,), "temperature": 0.5}
+    default = FIELDS[name]
+    value = new.get(name, default + 1 if isinstance(default, int) else 0.125)
+    config = {"algorithm": algorithm, "policy": policy, name: value}
+    if {algorithm, policy} & set(OWNERS[name]):
+        assert getattr(Config(**config), name) == value
+        assert name in Config(**config).to_dict()
+        return
+    with pytest.raises(ConfigError, match=f"{name} belongs to {' and '.join(OWNERS[name])}; .* has none"):
+        Config(**config)
+    config.pop(name)
+    assert name not in Config(**config).to_dict()
+    assert Config.from_dict(Config(**config).to_dict()) == Config(**config)
+
+
+@pytest.mark.parametrize("growth", [3, 12, 127])
+def test_growth_doubles(growth):
+    with pytest.raises(ConfigError, match=f"growth must be a power of two, .* got {growth}"):
+        Config(growth=growth)
+
+
+def test_growth_bounds_the_stages():
+    stages = [Config(num_envs=1, num_steps=16, growth=2**k).max_stage for k in range(8)]
+    assert stages == list(range(8))
 
 
 def test_every_number_has_a_rule():
@@ -62,6 +99,7 @@ def test_the_ends_of_every_range_are_allowed(name):
         others = {"total_timesteps": 2**29} if name in ("num_envs", "num_steps") else {}
         if name == "total_timesteps" and value == 1:
             continue  # shorter than one rollout
+        others |= whose(name)
         kind = type(FIELDS[name])
         if name in ("num_envs", "num_steps") and value > 1:
             others |= {"num_envs" if name == "num_steps" else "num_steps": 16}

@@ -14,8 +14,10 @@ class ConfigError(ValueError):
     """A configuration that cannot be trained; the message names the value, the rule and the remedy."""
 
 
+MAX_TIMESTEPS = 2**29
+
 RANGES: tuple[tuple[str, float, float], ...] = (
-    ("total_timesteps", 1, 2**29),
+    ("total_timesteps", 1, MAX_TIMESTEPS),
     ("depth", 1, 14),
     ("num_envs", 1, 65536),
     ("num_steps", 1, 2**20),
