@@ -29,7 +29,7 @@ BELOW: dict[str, set[str]] = {
     "runs": {"types", "envs", "trees", "algos"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
-TOP = ["agents", "teachers", "experiments", "commands", "cli"]
+TOP = ["agents", "teachers", "training", "experiments", "commands", "cli"]
 for above in TOP:
     BELOW[above] = {*BELOW}  # what comes later in TOP is not in it yet
 BELOW["__main__"] = {"cli"}

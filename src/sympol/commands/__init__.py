@@ -6,6 +6,15 @@ from collections.abc import Callable, Sequence
 
 from . import read, train, watch
 
+
+def _bench(arguments: Sequence[str]) -> int:
+    from .bench import (
+        bench,
+    )  # scipy and scikit-learn take a second to import, which no other command should wait
+
+    return bench(arguments)
+
+
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train.train,
     "show": read.show,
@@ -13,4 +22,5 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "watch": watch.watch,
     "export": read.export,
     "resume": train.resume,
+    "bench": _bench,
 }

@@ -20,7 +20,7 @@ from ..envs.spec import Backend
 
 Text = tyro.conf.Positional[str]
 Folder = tyro.conf.Positional[Path]
-Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export", "Watch")
+Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export", "Watch", "Bench")
 
 
 @dataclass
@@ -138,6 +138,62 @@ class Export:
 
     out: Path | None = None
     """Where to; the standard output by default, for pictures RUN/tree.<format>."""
+
+
+@dataclass
+class Bench:
+    """Run what a table lacks, and write it: Markdown, LaTeX, CSV and plots, the paper's numbers beside ours.
+
+    Each cell is some trainings, ordinary run folders, and ends as one small file in ROOT/results/cells. A finished
+    cell is never run again unless its config has changed; what was interrupted goes on where it was.
+    """
+
+    table: Text
+    """control-ppo, control-a2c, ppo-vs-a2c, minigrid, information-loss, viper-control, viper-minigrid, tree-size,
+    ablation, runtime, training-curves, or all."""
+
+    environments: tuple[str, ...] = ()
+    """Only these, or others in their place: any Gymnasium id."""
+
+    methods: tuple[str, ...] = ()
+    """Only these, or others in their place: tree, mlp, sdt, d-sdt, sa-dt-5, sa-dt-8, viper-5, viper-8, dagger-5,
+    dagger-8, tree-paper, mlp-paper, sdt-paper; NAME=MODULE:FUNCTION for one of your own."""
+
+    variants: tuple[str, ...] = ()
+    """Only these ablations, such as static-batch."""
+
+    trainings: int = 5
+    """Of each cell; their seeds are 0, 1, ..."""
+
+    episodes: int = 100
+    """Test episodes of each training on Gymnasium; as many in which actions are sampled, and for validation."""
+
+    total_timesteps: int = 1_000_000
+    """Environment steps of each training."""
+
+    workers: int = 1
+    """Processes on this machine."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""
+
+    root: Path = Path()
+    """Where results/cells, runs/bench and docs/tables are."""
+
+    runs: Path | None = None
+    """Where run folders are kept; ROOT/runs/bench by default."""
+
+    out: Path | None = None
+    """Where tables are written; ROOT/docs/tables by default."""
+
+    imports: tuple[str, ...] = ()
+    """Modules that register environments or methods of your own; workers import them, too."""
+
+    list: bool = False
+    """Say what is finished and what there is to run, and stop."""
+
+    render_only: bool = False
+    """Write the tables from the records there are, and run nothing."""
 
 
 def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Given | None = None) -> Given:

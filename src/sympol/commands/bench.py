@@ -1,0 +1,140 @@
+"""The command that makes tables: what they lack is run, then they are written and shown."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table as Shown
+
+from ..experiments.bench import run
+from ..experiments.grids import Grid, grids
+from ..experiments.plan import CellPlan, cells_of, plan_cell, selected, tables_of
+from ..experiments.recipes import Settings, import_all, register_method
+from ..experiments.record import Record, load_all
+from ..experiments.render import write
+from ..experiments.seeds import TRAINING
+from ..experiments.summary import by_cell
+from ..experiments.tables import Table
+from ..experiments.workers import Failure
+from .arguments import Bench, parse
+from .say import err, one_line_errors, out, print_error
+
+
+@one_line_errors()
+def bench(arguments: Sequence[str]) -> int:
+    """``sympol bench``."""
+    given = parse(Bench, "bench", arguments)
+    whole, tables = _tables(given)
+    if given.list:
+        return _list(_plans(given, tables))
+    failures: list[Failure] = []
+    if not given.render_only:
+        plans = _plans(given, tables)
+        _say_plan(plans)
+        failures = run(
+            plans,
+            root=given.root,
+            runs=_runs(given),
+            workers=given.workers,
+            scheduler=given.scheduler,
+            modules=given.imports,
+            on_record=_say_record,
+        )
+    _write(given, whole, tables)
+    for failure in failures:
+        print_error(RuntimeError(f"{failure.task.name}: {failure.reason}"))
+    return 1 if failures else 0
+
+
+def _tables(given: Bench) -> tuple[list[Table], list[Table]]:
+    """The tables as they are written, and the parts of them that were asked for."""
+    if not 1 <= given.trainings <= len(TRAINING):
+        raise ValueError(f"--trainings must be from 1 to {len(TRAINING)}, got {given.trainings}")
+    for name in ("episodes", "total_timesteps"):
+        if getattr(given, name) < 1:
+            raise ValueError(f"--{name.replace('_', '-')} must be at least 1, got {getattr(given, name)}")
+    import_all(given.imports)
+    methods = [_method(method) for method in given.methods]
+    whole = list(tables_of(given.table))
+    parts = [selected(table, given.environments, methods, given.variants) for table in whole]
+    extended = [
+        table.with_(
+            environments=part.environments,
+            methods=[row.method for row in part.rows if row not in table.rows and not row.variant],
+        )
+        for table, part in zip(whole, parts, strict=True)
+    ]
+    return extended, parts
+
+
+def _method(text: str) -> str:
+    """A method's name; with ``NAME=MODULE:FUNCTION`` it is registered."""
+    slug, equals, where = text.partition("=")
+    if equals:
+        register_method(slug, where)
+    return slug
+
+
+def _plans(given: Bench, tables: Iterable[Table]) -> list[CellPlan]:
+    records = by_cell(load_all(given.root))
+    settings = Settings(given.total_timesteps, given.episodes)
+    seeds = TRAINING[: given.trainings]
+    return [plan_cell(cell, records.get(cell), settings, seeds, _runs(given)) for cell in cells_of(tables)]
+
+
+def _runs(given: Bench) -> Path:
+    return Path(os.path.abspath(given.runs or given.root / "runs" / "bench"))
+
+
+def _list(plans: Iterable[CellPlan]) -> int:
+    for plan in plans:
+        todo = f"{len(plan.units)} to run" if plan.units else "finished"
+        out.print(f"{' '.join(filter(None, plan.cell)):<50} {todo:<12} {plan.was}", markup=False)
+    return 0
+
+
+def _say_plan(plans: Sequence[CellPlan]) -> None:
+    todo = [plan for plan in plans if plan.units]
+    units = sum(len(plan.units) for plan in todo)
+    err.print(
+        f"{len(plans) - len(todo)} of {len(plans)} cells are finished; {units} trainings or trees to run"
+    )
+
+
+def _say_record(record: Record, path: Path) -> None:
+    mean = sum(map(sum, record.returns)) / sum(map(len, record.returns))
+    err.print(f"{path}: {len(record.seeds)} trainings, mean return {mean:,.3f}", markup=False)
+
+
+def _write(given: Bench, whole: Sequence[Table], parts: Sequence[Table]) -> None:
+    records = load_all(given.root)
+    found = by_cell(records)
+    folder = given.out or given.root / "docs" / "tables"
+    for table, part in zip(whole, parts, strict=True):
+        written = write(table, records, folder)
+        for grid in grids(part, found):
+            out.print(_shown(part, grid))
+        err.print(f"written to {', '.join(map(str, written))}", markup=False)
+        if missing := [cell for cell in table.cells() if cell not in found]:
+            err.print(
+                f"{len(missing)} of its {len(table.cells())} cells are not run: sympol bench {table.name}"
+            )
+
+
+def _shown(table: Table, grid: Grid) -> Shown:
+    title = ": ".join(filter(None, [table.title, grid.title]))
+    shown = Shown(title=escape(title), caption=escape(grid.note))
+    shown.add_column("")
+    for column in grid.columns:
+        shown.add_column(escape(column), justify="right")
+    for name, entries in grid.rows:
+        cells = [
+            f"{'[bold]' if entry.bold else ''}{escape(entry.text)}{'[/]' if entry.bold else ''}"
+            + (f"\n[dim]{escape(entry.detail)}[/]" if entry.detail else "")
+            for entry in entries
+        ]
+        shown.add_row(escape(name), *cells)
+    return shown

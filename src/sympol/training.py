@@ -1,0 +1,89 @@
+"""A training in its folder: begun, gone on with after an interruption, tested and summed up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .agents import Agent, Callback, Report, load
+from .play import Episodes
+from .runs.folder import Run, versions
+
+
+def keep_in(run: Run) -> Callback:
+    """A callback that writes a row and a checkpoint after each validation."""
+
+    def keep(report: Report) -> None:
+        run.metrics.append(report.metrics)
+        assert report.agent.state is not None
+        run.save_checkpoint(report.agent.state)  # after its row: resuming drops rows that have no checkpoint
+
+    return keep
+
+
+def go_on(run: Run) -> Agent:
+    """The agent of a run where it was left, ready to `learn` on; rows beyond its checkpoint are dropped.
+
+    Raises:
+        RunError: see `load`.
+    """
+    agent = load(run.path)
+    run.metrics.forget_after(agent.num_timesteps)
+    return agent
+
+
+def finish(
+    agent: Agent, run: Run, tested: Episodes | None, sampled: Episodes | None, eval_seed: int
+) -> dict[str, Any]:
+    """Write a trained tree in every form, with the visits of its test episodes; return what came of the training."""
+    assert agent.state is not None
+    validation = agent.state.validation
+    summary: dict[str, Any] = {
+        "env": agent.spec.name,
+        "seed": agent.seed,
+        "timesteps": agent.num_timesteps,
+        **_size(agent),
+        "validation_return": float(validation.best_return),
+        "best_timestep": int(validation.best_timestep),
+    }
+    if tested is not None and sampled is not None:
+        summary |= {
+            "return_mean": float(tested.returns.mean()),
+            "return_std": float(tested.returns.std()),
+            "sampled_return_mean": float(sampled.returns.mean()),
+            "sampled_return_std": float(sampled.returns.std()),
+            "episodes": len(tested.returns),
+            "eval_seed": eval_seed,
+        }
+    if agent.has_tree:
+        tree = agent.tree()
+        run.save_tree(tree if tested is None else tree.with_visits(tested.observations))
+    return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
+
+
+def _size(agent: Agent) -> dict[str, int]:
+    if not agent.has_tree:
+        return {}
+    tree = agent.tree()
+    return {
+        "nodes": tree.n_nodes,
+        "nodes_unpruned": agent.tree(prune=False).n_nodes,
+        "leaves": tree.n_leaves,
+        "depth": tree.depth,
+    }
+
+
+def training_seconds(run: Run) -> float:
+    """Seconds that all validated segments took, without compiling, however often the training was interrupted."""
+    elapsed = np.array([0.0, *(row["time/time_elapsed"] for row in run.metrics.read())])
+    steps = np.diff(elapsed)
+    return float(
+        np.where(steps >= 0, steps, elapsed[1:]).sum()
+    )  # after an interruption the clock starts at 0
+
+
+def has_run(folder: Path) -> bool:
+    """Whether a run was begun there."""
+    return (folder / "config.toml").is_file()
