@@ -1,0 +1,1 @@
+"""Tables, statistics, searches: what is measured about many trainings."""

@@ -1,0 +1,102 @@
+"""How plots look.
+
+Every method has one colour, one kind of line and one mark in all of them, so that nothing is said by colour alone;
+the colours are Okabe and Ito's. The same records give the same file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..trees.plot import STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SUFFIXES = (".svg", ".png", ".pdf")
+_METADATA: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
+PANEL = (2.6, 2.1)
+"""Inches of one panel."""
+_STYLE: dict[Any, Any] = STYLE | {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#E5E5E5",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 4,
+}
+
+
+class Look(NamedTuple):
+    """How a method is drawn."""
+
+    colour: str
+    line: Any
+    marker: str
+
+
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
+_LOOKS = {
+    "tree": Look("#0072B2", _DASHES[0], "o"),
+    "mlp": Look("#E69F00", _DASHES[1], "s"),
+    "sdt": Look("#009E73", _DASHES[3], "^"),
+    "d-sdt": Look("#D55E00", _DASHES[2], "v"),
+    "sa-dt-5": Look("#CC79A7", _DASHES[1], "D"),
+    "sa-dt-8": Look("#CC79A7", _DASHES[3], "d"),
+    "viper-5": Look("#56B4E9", _DASHES[1], "P"),
+    "viper-8": Look("#56B4E9", _DASHES[2], "X"),
+}
+_OTHERS = ("#000000", "#999999", "#B8A800")
+
+
+def look(method: str, others: Sequence[str] = ()) -> Look:
+    """The look of a method; those that are not known get one by their place among ``others``."""
+    method = method.removesuffix("-paper")
+    if method in _LOOKS:
+        return _LOOKS[method]
+    place = others.index(method) if method in others else 0
+    return Look(_OTHERS[place % len(_OTHERS)], _DASHES[place // len(_OTHERS) % len(_DASHES)], "*")
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw as all of ours are drawn."""
+    from matplotlib import rc_context
+
+    with rc_context(_STYLE):
+        yield
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write .svg, .png or .pdf; the same figure, the same file."""
+    with styled():
+        figure.savefig(path, dpi=160, metadata=_METADATA[path.suffix])
+    return path
+
+
+def panels(rows: int, columns: int, *, height: float = PANEL[1]) -> tuple[Figure, list[list[Axes]]]:
+    """A figure of ``rows × columns`` panels of one size."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(PANEL[0] * columns, height * rows), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False).tolist()
+
+
+def legend_below(figure: Figure, axes: Iterable[Axes]) -> None:
+    """One legend for all panels, each name once."""
+    found = {}
+    for ax in axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    if found:
+        figure.legend(
+            found.values(), found.keys(), loc="outside lower center", ncols=min(4, len(found)), handlelength=3
+        )
