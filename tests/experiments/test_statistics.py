@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -171,3 +173,13 @@ def test_the_mean_of_intervals():
     mean = mean_interval_of([Interval(1, 0, 3), Interval(3, 3, 3), Interval(2, 1, 3)])
     np.testing.assert_allclose(mean, [2, 2 - math.sqrt(2) / 3, 2 + math.sqrt(5) / 3])
     assert mean_interval_of([Interval(1, 0, 3)]) == (1, 0, 3)
+
+
+def test_reading_records_and_tables_needs_no_scipy_and_statistics_say_what_they_need():
+    code = "import sys; sys.modules['scipy'] = None; import sympol.experiments.{}"
+    modules = "record, sympol.experiments.tables, sympol.experiments.paper"
+    subprocess.run([sys.executable, "-c", code.format(modules)], check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code.format("render")], capture_output=True, text=True, check=False
+    )
+    assert "statistics need scipy: pip install 'sympol[bench]'" in done.stderr

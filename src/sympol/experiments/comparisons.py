@@ -7,9 +7,8 @@ from typing import Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
-from .statistics import RESAMPLES
+from .statistics import RESAMPLES, stats
 
 ALPHA = 0.05
 

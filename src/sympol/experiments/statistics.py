@@ -13,7 +13,11 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
-from scipy import optimize, stats
+
+try:
+    from scipy import optimize, stats
+except ImportError as error:
+    raise ImportError("statistics need scipy: pip install 'sympol[bench]'") from error
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from .statistics import Interval, Moments
+if TYPE_CHECKING:
+    from .statistics import Interval, Moments
 
 
 def number(value: float, places: int) -> str:
