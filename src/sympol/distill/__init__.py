@@ -1,0 +1,60 @@
+"""From a teacher, whatever it is, to a decision tree."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ..trees import DecisionTree
+from .cart import from_sklearn
+from .dagger import dagger
+from .dataset import Demonstrations, demonstrations
+from .imitate import Iteration
+from .sa_dt import sa_dt
+from .sb3 import load_sb3
+from .teacher import Teacher
+from .viper import viper
+
+__all__ = [
+    "METHODS",
+    "Demonstrations",
+    "Iteration",
+    "Teacher",
+    "dagger",
+    "demonstrations",
+    "distill",
+    "from_sklearn",
+    "load_sb3",
+    "sa_dt",
+    "viper",
+]
+
+METHODS: Mapping[str, Callable[..., DecisionTree]] = {"sa-dt": sa_dt, "viper": viper, "dagger": dagger}
+"""By name; each takes a teacher, ``depth``, ``seed`` and options of its own."""
+
+
+def distill(
+    teacher: Teacher, method: str = "viper", depth: int = 5, seed: int = 0, **options: Any
+) -> DecisionTree:
+    """Make a tree of a teacher by one of the `METHODS`.
+
+    Args:
+        teacher: Who knows what to do, and where.
+        method: ``"viper"`` (discrete actions, and a teacher with action values), ``"dagger"`` (any), or
+            ``"sa-dt"`` (any; the teacher's own episodes alone).
+        depth: Most comparisons before an answer.
+        seed: The same seed gives the same tree, bit for bit.
+        options: The method's own: ``num_episodes`` of sa_dt; ``num_iterations``, ``episodes_per_iteration``,
+            ``max_samples``, ``num_validation_episodes`` and ``progress`` of viper and dagger.
+
+    Raises:
+        ValueError: no such method, an option that it lacks, or whatever the method refuses.
+        ImportError: scikit-learn is not installed.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    known = [name for name in inspect.signature(METHODS[method]).parameters if name != "teacher"]
+    if unknown := sorted(options.keys() - {*known}):
+        raise ValueError(f"{method} has no option {', '.join(unknown)}; it has {', '.join(known)}")
+    return METHODS[method](teacher, depth=depth, seed=seed, **options)

@@ -1,0 +1,81 @@
+"""Observations and what the teacher would do in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from ..play import play
+from .teacher import Teacher
+
+Losses = Callable[[np.ndarray], np.ndarray]
+"""What it may cost to act wrongly in each of the observations ``[samples, features]``."""
+
+
+class Demonstrations(NamedTuple):
+    """Observations, whoever came by them, and the teacher's actions in them."""
+
+    observations: Float32[np.ndarray, "samples features"]
+    actions: np.ndarray
+    """As the environment takes them, ``[samples, *shape]``."""
+    losses: Float64[np.ndarray, " samples"] | None = None
+    """What acting wrongly may cost there, where that is asked for."""
+
+    @property
+    def size(self) -> int:
+        """Number of observations."""
+        return len(self.observations)
+
+    def joined(self, more: Demonstrations) -> Demonstrations:
+        """Both, one after the other."""
+        losses = None
+        if self.losses is not None and more.losses is not None:
+            losses = np.concatenate([self.losses, more.losses])
+        return Demonstrations(
+            np.concatenate([self.observations, more.observations]),
+            np.concatenate([self.actions, more.actions]),
+            losses,
+        )
+
+    def rows(self, index: np.ndarray) -> Demonstrations:
+        """Some of them, or some of them several times."""
+        losses = None if self.losses is None else self.losses[index]
+        return Demonstrations(self.observations[index], self.actions[index], losses)
+
+
+def demonstrations(teacher: Teacher, num_episodes: int = 25, seed: int = 0) -> Demonstrations:
+    """Let the teacher play whole episodes, on seeds of their own (`sympol.play`, purpose "distill").
+
+    Everything is deterministic but the environment.
+
+    Raises:
+        ValueError: a number of episodes below one, a negative seed, an environment that cannot be played, or a
+            teacher whose answers do not fit.
+    """
+    require_positive(num_episodes=num_episodes)
+    require_seed(seed)
+    played = play(teacher, teacher.spec, num_episodes, seed=seed, purpose="distill")
+    return labelled(teacher, played.observations)
+
+
+def labelled(
+    teacher: Teacher, x: Float32[np.ndarray, "samples features"], losses: Losses | None = None
+) -> Demonstrations:
+    """Ask the teacher what it would do in these observations, whoever came by them."""
+    return Demonstrations(x, teacher.act(x), None if losses is None else losses(x))
+
+
+def require_positive(**numbers: int) -> None:
+    """Raise ValueError, by its name, for a number below one or not whole."""
+    for name, number in numbers.items():
+        if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
+            raise ValueError(f"{name} must be a whole number of at least 1, got {number!r}")
+
+
+def require_seed(seed: int) -> None:
+    """Raise ValueError for what scikit-learn and NumPy do not take as a seed."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
+        raise ValueError(f"seed must be a whole number from 0 to 2^32 - 1, got {seed!r}")

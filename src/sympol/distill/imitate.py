@@ -1,0 +1,116 @@
+"""The loop of dataset aggregation that `dagger` and `viper` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..play import play
+from ..trees import DecisionTree
+from .cart import fit_cart
+from .dataset import Demonstrations, Losses, labelled, require_positive, require_seed
+from .teacher import Teacher
+
+Draw: TypeAlias = Callable[[Demonstrations, int, np.random.Generator], Demonstrations]
+"""From all demonstrations, and how many there may be at most, to those that the next tree is fitted on."""
+
+
+FINALISTS = 5
+"""Of how many trees, those that did best while they collected, the validation episodes choose one."""
+
+
+class Iteration(NamedTuple):
+    """What ``progress`` is told after each tree."""
+
+    iteration: int
+    """Counted from one."""
+    num_iterations: int
+    num_samples: int
+    """Demonstrations so far, of all iterations."""
+    mean_return: float
+    """Of this tree, over the episodes that it plays next."""
+    best_return: float
+    """The highest of these so far."""
+
+
+Progress: TypeAlias = Callable[[Iteration], object]
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long to learn, and from how much. Raises ValueError for a number below one."""
+
+    num_iterations: int
+    episodes_per_iteration: int
+    max_samples: int
+    num_validation_episodes: int
+
+    def __post_init__(self) -> None:
+        """Check."""
+        require_positive(**vars(self))
+
+
+class Candidate(NamedTuple):
+    """A tree, and its mean return over episodes that it was not fitted on."""
+
+    mean_return: float
+    tree: DecisionTree
+
+
+def imitate(
+    teacher: Teacher,
+    schedule: Schedule,
+    *,
+    depth: int,
+    seed: int,
+    draw: Draw,
+    losses: Losses | None = None,
+    progress: Progress | None = None,
+) -> DecisionTree:
+    """Aggregate demonstrations (DAgger, Ross et al. 2011) and return the best of the trees fitted on them.
+
+    The teacher plays the first episodes, then each tree plays those that the next one learns from besides all
+    earlier ones; the teacher says what it would have done. Every tree plays once more than the last one learns, so
+    that each has a mean return on episodes new to it; the best few of them then play the same validation episodes,
+    which nothing learns from and which alone decide.
+    """
+    require_positive(depth=depth)
+    require_seed(seed)
+    spec, num_episodes = teacher.spec, schedule.episodes_per_iteration
+    played = play(teacher, spec, num_episodes, seed=seed, purpose="distill")
+    collected = labelled(teacher, played.observations, losses)
+    candidates: list[Candidate] = []
+    for i in range(1, schedule.num_iterations + 1):
+        sample = draw(collected, schedule.max_samples, np.random.default_rng([seed, i]))
+        tree = fit_cart(sample.observations, sample.actions, spec, depth=depth, seed=seed)
+        played = play(tree, spec, num_episodes, seed=iteration_seed(seed, i), purpose="distill")
+        candidates.append(Candidate(float(played.returns.mean()), tree))
+        if progress is not None:
+            best = max(candidate.mean_return for candidate in candidates)
+            done = (i, schedule.num_iterations, collected.size, candidates[-1].mean_return, best)
+            progress(Iteration(*done))
+        if i < schedule.num_iterations:
+            collected = collected.joined(labelled(teacher, played.observations, losses))
+    return best_of(candidates, teacher, schedule.num_validation_episodes, seed)
+
+
+def best_of(candidates: Sequence[Candidate], teacher: Teacher, num_episodes: int, seed: int) -> DecisionTree:
+    """The finalist with the highest mean return over validation episodes, the same ones for all.
+
+    Between equals the later one wins: it has seen more.
+    """
+    later_first = candidates[::-1]
+    finalists = sorted(later_first, key=lambda candidate: -candidate.mean_return)[:FINALISTS]
+    returns = [
+        play(finalist.tree, teacher.spec, num_episodes, seed=seed, purpose="validation").returns.mean()
+        for finalist in finalists
+    ]
+    return finalists[int(np.argmax(returns))].tree
+
+
+def iteration_seed(seed: int, iteration: int) -> int:
+    """Other episodes in each iteration than in all others, and than the teacher's, which have the seed itself."""
+    return int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0])

@@ -1,0 +1,77 @@
+"""VIPER: verifiable reinforcement learning via policy extraction (Bastani, Pu and Solar-Lezama, NeurIPS 2018)."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+
+from ..trees import DecisionTree
+from ..trees.actions import BoxActions, MultiDiscreteActions
+from .dataset import Demonstrations
+from .imitate import Progress, Schedule, imitate
+from .teacher import Teacher
+
+
+def viper(
+    teacher: Teacher,
+    depth: int = 5,
+    num_iterations: int = 20,
+    episodes_per_iteration: int = 10,
+    max_samples: int = 100_000,
+    num_validation_episodes: int = 20,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> DecisionTree:
+    """Fit trees, as `dagger` does, on states drawn in proportion to what acting wrongly there may cost.
+
+    The cost of a state is ℓ(s) = max_a Q(s, a) − min_a Q(s, a). For a policy-gradient teacher Q = log π: under
+    maximum entropy π(a | s) ∝ exp Q(s, a), and what depends on s alone cancels. In each iteration as many
+    states are drawn, with replacement, as there are, and ``max_samples`` at most. The same seed gives the same tree,
+    bit for bit.
+
+    Raises:
+        ValueError: continuous actions, a teacher without action values, an argument out of bounds, or a teacher
+            whose answers do not fit.
+        ImportError: scikit-learn is not installed.
+    """
+    actions = teacher.spec.actions
+    if isinstance(actions, BoxActions):
+        raise ValueError(
+            f"viper needs a discrete action space, got {teacher.spec.action_space} of {teacher.spec.name}: it weighs "
+            "states by the values of all actions; for continuous actions use the method dagger"
+        )
+    if teacher.action_values is None:
+        raise ValueError(
+            "viper needs a teacher with action values, to know which states matter, got one without; give it "
+            "action_values (Q-values or log-probabilities), or use the method dagger"
+        )
+    schedule = Schedule(num_iterations, episodes_per_iteration, max_samples, num_validation_episodes)
+    return imitate(
+        teacher,
+        schedule,
+        depth=depth,
+        seed=seed,
+        draw=draw_by_loss,
+        losses=lambda x: losses(teacher, x),
+        progress=progress,
+    )
+
+
+def losses(teacher: Teacher, x: np.ndarray) -> Float64[np.ndarray, " samples"]:
+    """ℓ(s) = max_a Q(s, a) − min_a Q(s, a), summed over components where there are several.
+
+    The log-probability of several choices at once is the sum of theirs, and so are its maximum and minimum.
+    """
+    assert teacher.action_values is not None
+    values, actions = teacher.action_values(x), teacher.spec.actions
+    parts = actions.split(values) if isinstance(actions, MultiDiscreteActions) else [values]
+    return np.sum([part.max(axis=1) - part.min(axis=1) for part in parts], axis=0)
+
+
+def draw_by_loss(collected: Demonstrations, at_most: int, rng: np.random.Generator) -> Demonstrations:
+    """Draw with replacement in proportion to the losses; alike where no mistake costs anything."""
+    weights = collected.losses
+    assert weights is not None
+    total = weights.sum()
+    chances = weights / total if total > 0 else None
+    return collected.rows(rng.choice(collected.size, min(collected.size, at_most), p=chances))

@@ -1,0 +1,159 @@
+"""From scikit-learn's trees to ours: not one decision changes."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Discrete, MultiDiscrete
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
+
+from sympol.distill import from_sklearn
+from sympol.distill.cart import fit_cart, rounded_down
+from sympol.envs.registry import resolve
+from sympol.trees.floats import SMALLEST_NORMAL
+
+from .teachers import CARTPOLE, chain
+
+RNG = np.random.default_rng(0)
+EYES = Box(-np.inf, np.inf, (3,))
+SPACES = [
+    Discrete(4),
+    Discrete(3, start=-1),
+    MultiDiscrete([2, 4, 3], start=[0, 1, -5]),
+    MultiDiscrete([3]),
+    Box(-1, 1, (1,)),
+    Box(-1, 1, (2, 2)),
+]
+
+
+def batch(n: int) -> np.ndarray:
+    """Numbers of all sizes, many of them equal."""
+    x = RNG.normal(size=(n, 3)) * 10.0 ** RNG.integers(-6, 6, (n, 3))
+    x[::3] = RNG.integers(-2, 3, x[::3].shape)
+    return x.astype(np.float32)
+
+
+def around(estimator: Any) -> np.ndarray:
+    """The float32 numbers on and beside every threshold."""
+    thresholds = estimator.tree_.threshold[estimator.tree_.feature >= 0].astype(np.float32)
+    ends = [np.nextafter(thresholds, np.float32(end)) for end in (-np.inf, np.inf)]
+    return RNG.choice(np.concatenate([thresholds, *ends, [0]]), (4000, 3))
+
+
+@pytest.mark.parametrize("options", [{"max_depth": 6}, {"max_leaf_nodes": 40}, {"max_depth": 1}], ids=str)
+@pytest.mark.parametrize("space", SPACES, ids=str)
+def test_ours_acts_as_scikit_learns_does(space: Any, options: dict[str, Any]):
+    space.seed(0)
+    spec, x = chain(EYES, space), batch(600)
+    y = np.stack([space.sample() for _ in x]).reshape(len(x), -1)
+    y[: len(y) // 2] = y[0]  # some sense in it
+    kind = DecisionTreeRegressor if isinstance(space, Box) else DecisionTreeClassifier
+    estimator = kind(random_state=0, **options).fit(x, y)
+    tree = from_sklearn(estimator, spec)
+    tried = np.concatenate([batch(20_000), around(estimator)])
+    np.testing.assert_array_equal(
+        tree.predict(tried).reshape(len(tried), -1),
+        estimator.predict(tried).reshape(len(tried), -1).astype(tree.predict(tried).dtype),
+    )
+    np.testing.assert_array_equal(tree.n_node_samples[0], len(x))  # pyright: ignore
+    again = from_sklearn(tree.to_sklearn(), spec)
+    np.testing.assert_array_equal(again.predict(tried), tree.predict(tried))
+
+
+@pytest.mark.parametrize("classes", [[1], [0, 3], [2, 3], [3]], ids=str)
+def test_actions_that_no_sample_has_are_never_taken(classes: list[int]):
+    x = batch(200)
+    estimator = DecisionTreeClassifier(max_depth=3, random_state=0).fit(x, RNG.choice(classes, len(x)))
+    tree = from_sklearn(estimator, chain(EYES, Discrete(4)))
+    tried = batch(5000)
+    np.testing.assert_array_equal(tree.predict(tried), estimator.predict(tried))
+    assert set(tree.predict(tried)) <= {*classes}
+    absent = [action for action in range(4) if action not in classes]
+    assert tree.predict_proba(tried)[:, absent].max() < 1e-8  # pyright: ignore
+
+
+def test_ties_go_to_the_lowest_action_and_near_ties_to_the_larger():
+    x = np.zeros((6, 3), np.float32)
+    spec = chain(EYES, Discrete(3))
+    tie = DecisionTreeClassifier().fit(x, [2, 2, 1, 1, 0, 0])
+    assert from_sklearn(tie, spec).predict(x[0]) == tie.predict(x[:1])[0] == 0
+    weights = [1.0, 1.0, np.nextafter(1.0, 2.0)]  # equal in float32, and their logarithms too
+    near = DecisionTreeClassifier().fit(x[:3], [0, 1, 2], sample_weight=weights)
+    assert from_sklearn(near, spec).predict(x[0]) == near.predict(x[:1])[0] == 2
+
+
+def test_leaves_hold_the_shares_of_their_samples():
+    x = np.array([[0, 0, 0]] * 4 + [[1, 0, 0]] * 2, np.float32)
+    tree = from_sklearn(
+        DecisionTreeClassifier(max_depth=1).fit(x, [0, 0, 0, 1, 1, 1]), chain(EYES, Discrete(2))
+    )
+    np.testing.assert_allclose(tree.predict_proba(x[[0, 5]]), [[0.75, 0.25], [0, 1]], atol=1e-8)  # pyright: ignore
+    np.testing.assert_array_equal(tree.n_node_samples, [6, 4, 2])  # pyright: ignore
+
+
+def test_thresholds_are_rounded_down_to_what_decides_alike():
+    down = rounded_down(np.array([0.1, 1 / 3, -0.1, 0.5, 1e-40, -1e-40, 0.0, 1e39]))
+    assert down.dtype == np.float32
+    assert (down[:4].astype(float) <= [0.1, 1 / 3, -0.1, 0.5]).all()
+    assert down[3:].tolist() == [0.5, 0, -SMALLEST_NORMAL, 0, np.finfo(np.float32).max]
+    edges = np.array([0, SMALLEST_NORMAL, -SMALLEST_NORMAL], np.float32)
+    for t in (1e-40, -1e-40, 0.0, SMALLEST_NORMAL / 2, -SMALLEST_NORMAL / 2):
+        assert (edges <= rounded_down(np.array([t]))[0]).tolist() == (edges.astype(float) <= t).tolist()
+
+
+def test_the_tree_speaks_of_the_environment():
+    named = resolve("CartPole-v1", backend="host", action_names=["links", "rechts"])
+    x = RNG.normal(size=(50, 4)).astype(np.float32) * 0.1
+    tree = fit_cart(x, RNG.integers(0, 2, 50), named, depth=3, seed=0)
+    assert tree.feature_names == named.features.names
+    assert tree.feature_names[0] == "cart position (m)"
+    assert tree.actions.names == ("links", "rechts")
+    np.testing.assert_array_equal(tree.feature_low, named.features.low)
+    assert tree.depth <= 3
+
+
+def test_bounds_that_the_environment_broke_are_not_believed():
+    x = np.array([[0, 0, 0, 0], [9, 0, -9, 0]], np.float32)
+    tree = fit_cart(x, np.array([0, 1]), CARTPOLE, depth=1, seed=0)
+    low, high = CARTPOLE.features.low, CARTPOLE.features.high
+    assert (tree.feature_high[0], tree.feature_low[2]) == (np.inf, -np.inf)
+    assert (tree.feature_low[0], tree.feature_high[2]) == (low[0], high[2])
+
+
+def test_another_seed_may_give_another_tree_and_the_same_gives_the_same():
+    x = np.tile(RNG.integers(0, 2, (60, 1)), (1, 4)).astype(np.float32)  # four features that say the same
+    trees = [fit_cart(x, x[:, 0].astype(int), CARTPOLE, depth=1, seed=seed) for seed in [*range(8), 0]]
+    assert trees[0] == trees[-1]
+    assert len({*trees}) > 1
+
+
+@pytest.mark.parametrize(
+    ("space", "estimator", "message"),
+    [
+        (Discrete(2), DecisionTreeRegressor(), "must be a classifier with 1 output, got a DecisionTreeRegressor"),
+        (Box(-1, 1, (1,)), DecisionTreeClassifier(), "must be a regressor"),
+        (MultiDiscrete([2, 2]), DecisionTreeClassifier(), "must be a classifier with 2 outputs, got a .* with 1"),
+        (Discrete(2, start=1), DecisionTreeClassifier(), r"classes must be actions, from 1 to 2, got \[0, 1\]"),
+    ],
+)  # fmt: skip
+def test_a_tree_for_other_actions_is_refused(space: Any, estimator: Any, message: str):
+    with pytest.raises(ValueError, match=message):
+        from_sklearn(estimator.fit(np.eye(3, dtype=np.float32), [0, 1, 1]), chain(EYES, space))
+
+
+def test_a_tree_of_other_features_and_observations_that_are_not_finite_are_refused():
+    estimator = DecisionTreeClassifier().fit(np.eye(2), [0, 1])
+    with pytest.raises(ValueError, match="must see 4 features, got one fitted on 2"):
+        from_sklearn(estimator, CARTPOLE)
+    x = np.array([[0, 0, 0, 0], [np.nan, 0, 0, 0]], np.float32)
+    with pytest.raises(ValueError, match=r"CartPole-v1 returned the observation \[nan, .* not finite"):
+        fit_cart(x, np.array([0, 1]), CARTPOLE, depth=1, seed=0)
+
+
+def test_without_scikit_learn_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "sklearn.tree", None)
+    with pytest.raises(ImportError, match=r"pip install 'sympol\[bench\]'"):
+        fit_cart(np.zeros((1, 4), np.float32), np.zeros(1, int), CARTPOLE, depth=1, seed=0)
