@@ -25,7 +25,7 @@ from sympol.algos.collect import collect, empty_rollout, reset_envs
 from sympol.algos.config import Config
 from sympol.algos.init import init_state, normalizer_of
 from sympol.algos.state import TrainState
-from sympol.algos.train import COMPILER_OPTIONS
+from sympol.algos.trainer import COMPILER_OPTIONS
 from sympol.envs.registry import resolve
 from sympol.envs.spec import Backend, EnvSpec
 from sympol.play import sample_actions

@@ -18,7 +18,8 @@ from .algos.network import outputs
 from .algos.presets import DEFAULT, preset
 from .algos.report import metrics_of, require_finite
 from .algos.state import TrainState
-from .algos.train import Trainer, make_trainer, stops
+from .algos.train import make_trainer, stops
+from .algos.trainer import Trainer
 from .compilation import use_disk_cache
 from .envs.registry import resolve
 from .envs.spec import Backend, EnvSpec

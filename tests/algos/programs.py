@@ -8,8 +8,8 @@ from typing import Any
 import jax
 
 from sympol.algos.config import Config
+from sympol.algos.segment import Segment, make_segment
 from sympol.algos.state import TrainState
-from sympol.algos.train import Segment, make_segment
 from sympol.envs.cartpole import CartPole
 
 CARTPOLE = CartPole(max_episode_steps=11)

@@ -14,7 +14,9 @@ import pytest
 from sympol.algos.collect_host import HostCollector, host_seed
 from sympol.algos.config import Config
 from sympol.algos.state import TrainState
-from sympol.algos.train import HostTrainer, Trainer, make_trainer
+from sympol.algos.train import make_trainer
+from sympol.algos.train_host import HostTrainer
+from sympol.algos.trainer import Trainer
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec

@@ -12,7 +12,7 @@ import pytest
 import sympol
 from sympol.algos.collect_host import HostCollector
 from sympol.algos.config import Config
-from sympol.algos.train import HostTrainer
+from sympol.algos.train_host import HostTrainer
 from sympol.envs import pool
 from sympol.envs.registry import MissingExtra, resolve
 from sympol.policies.distributions import distribution_of

@@ -12,8 +12,8 @@ import pytest
 from jax import Array
 
 from sympol.algos.config import Config
+from sympol.algos.segment import make_segment
 from sympol.algos.state import TrainState
-from sympol.algos.train import make_segment
 from tests.envs.probes import (
     ConstantValue,
     ContinuousMatch,

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from sympol.algos.config import Config
+from sympol.algos.segment import make_segment, with_score
 from sympol.algos.state import PATIENCE, TrainState
-from sympol.algos.train import make_segment, with_score
 from sympol.envs.cartpole import CartPole
 from sympol.policies.distributions import distribution_of
 from tests.algos.programs import CARTPOLE, CONFIG, segment_of

@@ -89,6 +89,10 @@ class Config:
     num_envs: int = 32
     """Environments stepped side by side."""
 
+    num_devices: int = 1
+    """Devices that the environments are spread over, where they are stepped inside the compiled program. The result is
+    the same but for the order of float sums."""
+
     num_steps: int = 128
     """Steps of each environment a rollout. A dynamic rollout starts at max(16, num_steps // 8)."""
 

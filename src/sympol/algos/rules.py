@@ -20,6 +20,7 @@ RANGES: tuple[tuple[str, float, float], ...] = (
     ("total_timesteps", 1, MAX_TIMESTEPS),
     ("depth", 1, 14),
     ("num_envs", 1, 65536),
+    ("num_devices", 1, 65536),
     ("num_steps", 1, 2**20),
     ("minibatch_size", 1, 2**24),
     ("num_epochs", 1, 1000),
@@ -95,6 +96,11 @@ def check_fields(config: Config) -> None:
     for name in ("actor_hidden", "critic_hidden"):
         if any(width < 1 for width in getattr(config, name)):
             raise ConfigError(f"{name} must hold positive widths, got {getattr(config, name)}")
+    if config.num_envs % config.num_devices:
+        raise ConfigError(
+            f"num_devices must divide num_envs, {config.num_envs}, so that each device steps as many, got "
+            f"{config.num_devices}"
+        )
     if config.growth & (config.growth - 1):
         raise ConfigError(f"growth must be a power of two, as the rollout doubles, got {config.growth}")
     if config.policy == "tree" and math.frexp(config.temperature)[0] != 0.5:

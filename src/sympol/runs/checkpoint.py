@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
+from jax.experimental import multihost_utils
 from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
@@ -102,4 +103,11 @@ def _load(seal_path: Path, like: State) -> tuple[State, int]:
 
 def _named_leaves(state: Any) -> list[tuple[str, np.ndarray]]:
     leaves, _ = jax.tree_util.tree_flatten_with_path(state)
-    return [(jax.tree_util.keystr(path), np.asarray(leaf)) for path, leaf in leaves]
+    return [(jax.tree_util.keystr(path), _on_host(leaf)) for path, leaf in leaves]
+
+
+def _on_host(leaf: Any) -> np.ndarray:
+    """All of an array; what lies with other processes is fetched, so that each of them must be saving, too."""
+    if isinstance(leaf, jax.Array) and not (leaf.is_fully_addressable or leaf.is_fully_replicated):
+        leaf = multihost_utils.process_allgather(leaf, tiled=True)
+    return np.asarray(leaf)

@@ -1,0 +1,115 @@
+"""What is compiled: a segment of the training, and what a rollout and a validation do to its state.
+
+A *segment* is: iterate until a timestep is reached, then validate. Where the calls are cut changes nothing in what is
+computed. Whatever could change a shape is a trip count instead, so nothing compiles twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+from jax.sharding import Mesh
+from jaxtyping import Int
+
+from ..envs.env import Env
+from ..functional.schedules import stage
+from ..policies.distributions import Distribution, distribution_of
+from ..types import Transition
+from . import a2c, ppo
+from .bounds import watch_bounds
+from .collect import collect, empty_rollout, reset_envs
+from .config import Config, Hyperparameters
+from .init import init_state, normalizer_of, purpose_key, refit_normalizer
+from .sharding import divide_envs
+from .state import TrainState, tree_where
+from .validate import validate
+
+LEARN = {"ppo": ppo.learn, "a2c": a2c.learn}
+
+Segment = Callable[[Hyperparameters, Any, TrainState, Any, Any], TrainState]
+
+
+def make_segment(env: Env, config: Config, mesh: Mesh | None = None) -> tuple[Segment, TrainState]:
+    """The function ``segment(hyper, seed, state, first, stop)`` and a state of zeros to start it with.
+
+    With ``first`` the state's values are ignored and a new training begins. A pure function: jit it, vmap it
+    over ``hyper`` and ``seed``. ``config`` gives what is static; its traced numbers are not looked at.
+    With a ``mesh`` the environments are divided among its devices.
+    """
+    distribution = distribution_of(env.action_space)
+    normalizer, bounded = normalizer_of(env.observation_space, config)
+    bounds = env.observation_space
+
+    def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
+        state = init_state(config, distribution, normalizer, hyper, seed)
+        key, reset_key = jax.random.split(jax.random.wrap_key_data(state.key))
+        env_state, observation = reset_envs(env, reset_key, config.num_envs)
+        return state._replace(key=jax.random.key_data(key), env_state=env_state, observation=observation)
+
+    def iteration(
+        hyper: Hyperparameters, state: TrainState, rollout: Transition
+    ) -> tuple[TrainState, Transition]:
+        key, collect_key, learn_key = jax.random.split(jax.random.wrap_key_data(state.key), 3)
+        state = state._replace(key=jax.random.key_data(key))
+        k = stage(state.timestep, config.total_timesteps, config.max_stage)
+        state, rollout = collect(env, distribution, state, rollout, 1 << k, collect_key)
+        next_x = state.normalizer(state.observation)
+        state = watch_bounds(bounds, state, rollout, 1 << k)
+        return improve(config, distribution, bounded, hyper, state, rollout, next_x, k, learn_key), rollout
+
+    def segment(
+        hyper: Hyperparameters, seed: Int[Array, ""], state: TrainState, first: Array, stop: Int[Array, ""]
+    ) -> TrainState:
+        state = jax.lax.cond(first, lambda: begin(hyper, seed), lambda: state)
+        state = state._replace(episodes=state.episodes.reported())
+        rollout = empty_rollout(env.observation_space.shape[0], distribution, config)
+        rollout = jax.tree.map(lambda a: divide_envs(a, 2, mesh), rollout)
+        state, _ = jax.lax.while_loop(
+            lambda carry: carry[0].timestep < stop, lambda carry: iteration(hyper, *carry), (state, rollout)
+        )
+        actor = state.networks.actor
+        key, policy = purpose_key(seed, "validation"), actor.rollout()
+        score = validate(env, distribution, policy, state.normalizer, key, config.num_eval_episodes)
+        return with_score(config, state, score)
+
+    shapes = jax.eval_shape(begin, config.hyperparameters(), np.uint32(0))
+    return segment, jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), shapes)
+
+
+def improve(
+    config: Config,
+    distribution: Distribution,
+    bounded: np.ndarray,
+    hyper: Hyperparameters,
+    state: TrainState,
+    rollout: Transition,
+    next_x: Array,
+    k: Int[Array, ""],
+    key: Any,
+) -> TrainState:
+    """What a rollout is for: an update, or the scale of the features if it is the first and they have none."""
+
+    def update(state: TrainState) -> TrainState:
+        return LEARN[config.algorithm](config, distribution, hyper, state, rollout, next_x, k, key)
+
+    def warm_up(state: TrainState) -> TrainState:
+        return state._replace(normalizer=refit_normalizer(state.normalizer, rollout, bounded))
+
+    state = update(state) if bounded.all() else jax.lax.cond(state.iteration == 0, warm_up, update, state)
+    return state._replace(timestep=state.timestep + (config.chunk_size << k), iteration=state.iteration + 1)
+
+
+def with_score(config: Config, state: TrainState, score: Array) -> TrainState:
+    """The state after a validation."""
+    validation = state.validation.update(
+        score, state.timestep, state.networks.actor, reduce_lr=config.reduce_lr
+    )
+    networks = state.networks
+    if config.rollback:
+        halved = validation.lr_factor < state.validation.lr_factor
+        networks = networks._replace(actor=tree_where(halved, validation.best_actor, networks.actor))
+    return state._replace(validation=validation, networks=networks)
