@@ -11,7 +11,7 @@ from rich.table import Table as Shown
 
 from ..experiments.bench import run
 from ..experiments.grids import Grid, grids
-from ..experiments.plan import CellPlan, cells_of, plan_cell, selected, tables_of
+from ..experiments.plan import CellPlan, cells_of, plan_cells, selected, tables_of
 from ..experiments.recipes import Settings, import_all, register_method
 from ..experiments.record import Record, load_all
 from ..experiments.render import write
@@ -82,7 +82,7 @@ def _plans(given: Bench, tables: Iterable[Table]) -> list[CellPlan]:
     records = by_cell(load_all(given.root))
     settings = Settings(given.total_timesteps, given.episodes)
     seeds = TRAINING[: given.trainings]
-    return [plan_cell(cell, records.get(cell), settings, seeds, _runs(given)) for cell in cells_of(tables)]
+    return plan_cells(cells_of(tables), records, settings, seeds, _runs(given))
 
 
 def _runs(given: Bench) -> Path:

@@ -10,17 +10,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from typing import Any
 
 from .. import STARTED
 from ..agents import Agent, Report
 from ..envs import pool
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
-from ..play import play
-from ..runs.folder import Run, versions
+from ..play import Episodes, play
+from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
-from ..trees import DecisionTree
+from ..training import finish, keep_in
 from .say import err, out, print_error, print_next, summary_words, warnings_in_one_line
 
 EVAL_SEED = 1
@@ -38,25 +37,22 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
     # the picture at the end needs a second of imports: time enough for them while the compiled program runs
     picture = threading.Thread(target=import_module, args=("matplotlib.backends.backend_svg",), daemon=True)
 
-    def keep(report: Report) -> bool:
+    def watch(report: Report) -> bool:
         if picture.ident is None:
             picture.start()
-        run.metrics.append(report.metrics)
         if board is not None:
             board.append(report.metrics)
-        assert agent.state is not None
-        run.save_checkpoint(agent.state)  # after its row: resuming drops rows that have no checkpoint
         return not asked.is_set()
 
     first, began = agent.num_timesteps, time.perf_counter()
     try:
         with _ask_to_stop(lambda: agent.state is not None) as asked, warnings_in_one_line():
             if agent.num_timesteps < agent.config.total_timesteps:
-                agent.learn(callback=keep)
+                agent.learn(callback=[keep_in(run), watch])
         if agent.num_timesteps < agent.config.total_timesteps:
             raise KeyboardInterrupt
         seconds = time.perf_counter() - began
-        summary = _finish(agent, run, eval_episodes)
+        summary = finish(agent, run, *_test(agent, eval_episodes), EVAL_SEED)
     except (KeyboardInterrupt, EnvironmentFailure) as stop:
         return _stopped(agent, run, stop)
     finally:
@@ -119,48 +115,18 @@ def _ask_to_stop(has_begun: Callable[[], bool]) -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-def _finish(agent: Agent, run: Run, eval_episodes: int) -> dict[str, Any]:
-    """Test the policy; of a tree, count its visits and write it in every form."""
-    assert agent.state is not None
-    validation = agent.state.validation
-    tree = agent.tree() if agent.has_tree else None
-    summary: dict[str, Any] = {
-        "env": agent.spec.name,
-        "seed": agent.seed,
-        "timesteps": agent.num_timesteps,
-        **({} if tree is None else _size(tree, agent.tree(prune=False))),
-        "validation_return": float(validation.best_return),
-        "best_timestep": int(validation.best_timestep),
-    }
-    if agent.spec.make_host is not None:
-        try:
-            episodes = play(tree or agent, agent.spec, eval_episodes, seed=EVAL_SEED)
-            sampled = play(agent, agent.spec, eval_episodes, seed=EVAL_SEED, deterministic=False)
-        except Exception as error:
-            raise EnvironmentFailure(
-                f"in the test episodes, after training: {type(error).__name__}: {error}"
-            ) from error
-        tree = tree and tree.with_visits(episodes.observations)
-        summary |= {
-            "return_mean": float(episodes.returns.mean()),
-            "return_std": float(episodes.returns.std()),
-            "sampled_return_mean": float(sampled.returns.mean()),
-            "sampled_return_std": float(sampled.returns.std()),
-            "episodes": eval_episodes,
-            "eval_seed": EVAL_SEED,
-        }
-    if tree is not None:
-        run.save_tree(tree)
-    return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
-
-
-def _size(tree: DecisionTree, full: DecisionTree) -> dict[str, int]:
-    return {
-        "nodes": tree.n_nodes,
-        "nodes_unpruned": full.n_nodes,
-        "leaves": tree.n_leaves,
-        "depth": tree.depth,
-    }
+def _test(agent: Agent, eval_episodes: int) -> tuple[Episodes | None, Episodes | None]:
+    """Test episodes in which the policy does what it thinks best, and others in which it samples."""
+    if agent.spec.make_host is None:
+        return None, None
+    policy = agent.tree() if agent.has_tree else agent
+    try:
+        episodes = play(policy, agent.spec, eval_episodes, seed=EVAL_SEED)
+        return episodes, play(agent, agent.spec, eval_episodes, seed=EVAL_SEED, deterministic=False)
+    except Exception as error:
+        raise EnvironmentFailure(
+            f"in the test episodes, after training: {type(error).__name__}: {error}"
+        ) from error
 
 
 def _stopped(agent: Agent, run: Run, stop: BaseException) -> int:

@@ -7,11 +7,12 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..agents import Agent, agent_of, load
+from ..agents import Agent, agent_of
 from ..envs.registry import resolve
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run, RunError
 from ..runs.metrics import TensorBoard
+from ..training import go_on
 from .arguments import Resume, Train, env_kwargs, parse, parse_train
 from .learn import learn
 from .say import err, one_line_errors, print_warning
@@ -73,10 +74,9 @@ def _continue(path: Path, eval_episodes: int | None, as_json: bool) -> int:
     run = Run.open(path)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DamagedCheckpoint)
-        agent = load(path)
+        agent = go_on(run)
     for warning in caught:
         print_warning(warning.message)
-    run.metrics.forget_after(agent.num_timesteps)
     err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")
     tensorboard = (run.path / "tensorboard").is_dir()
     episodes = run.about["eval_episodes"] if eval_episodes is None else eval_episodes

@@ -6,22 +6,24 @@ import contextlib
 import os
 import socket
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from ..runs.folder import RunError
 from .plan import CellPlan
 from .record import Cell, Record
-from .units import Result, Unit
+from .units import Result, Unit, jobs_of, task_of
 from .workers import Failure, Task, TasksFailed, run_tasks
 
 LOCK = ".bench.lock"
 
 
-class Busy(OSError):
+class Busy(RunError):
     """Another bench works in the same folder."""
 
 
@@ -41,6 +43,15 @@ class Work:
         plan = next((plan for plan in self.plans if plan.cell == unit.cell), None)
         if plan is not None and all(unit.seed in done for unit in plan.units):
             self.write(plan)
+
+    def has(self, job: Sequence[Unit]) -> bool:
+        """Whether a job's results are in its folders already; takes them if so."""
+        results = [unit.result() for unit in job]
+        if any(result is None for result in results):
+            return False
+        for unit, result in zip(job, results, strict=True):
+            self.keep(unit, result or {})
+        return True
 
     def write(self, plan: CellPlan) -> None:
         """Write what there is of a cell, if anything."""
@@ -69,66 +80,67 @@ def run(
         SchedulerError, ValueError, ImportError: see `run_tasks`.
     """
     work = Work(root, plans, on_record)
+    failures: list[Failure] = []
+    commit()  # now: the sources may change while they run
     with only_one(runs):
-        todo = _not_finished([unit for plan in interleaved(plans, workers) for unit in plan], work)
-        failures: list[Failure] = []
-        for wave in waves(todo):
-            failed = {failure.task.name for failure in failures}
-            lost = [unit for unit in wave if unit.teacher is not None and unit.teacher.name in failed]
-            failures += [Failure(unit.task(), "its teacher's training failed", "") for unit in lost]
-            units = {unit.name: unit for unit in wave if unit not in lost}
+        units = [unit for plan in plans for unit in plan.units]
+        todo = [job for job in jobs_of(units) if not work.has(job)]
+        for wave in waves(todo, workers):
+            jobs = {task_of(job).name: job for job in wave}
 
-            def keep(task: Task, result: Result, units: dict[str, Unit] = units) -> None:
-                work.keep(units[task.name], result)
+            def keep(task: Task, results: list[Result], jobs: dict[str, list[Unit]] = jobs) -> None:
+                for unit, result in zip(jobs[task.name], results, strict=True):
+                    work.keep(unit, result)
 
+            tasks = [task_of(job, modules) for job in _with_teachers(wave, failures)]
+            options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "progress": progress}
             try:
-                run_tasks(
-                    [unit.task(modules) for unit in units.values()],
-                    workers=workers,
-                    scheduler=scheduler,
-                    on_done=keep,
-                    progress=progress,
-                )
-            except TasksFailed as failed_tasks:
-                failures += failed_tasks.failures
+                run_tasks(tasks, on_done=keep, **options)
+            except TasksFailed as failed:
+                failures += failed.failures
         for plan in plans:
             work.write(plan)  # of a cell of which some failed
     return failures
 
 
-def _not_finished(units: Sequence[Unit], work: Work) -> list[Unit]:
-    """Units whose results are not in their folders yet."""
-    found = {unit: unit.result() for unit in units}
-    for unit, result in found.items():
-        if result is not None:
-            work.keep(unit, result)
-    return [unit for unit in units if found[unit] is None]
-
-
-def waves(units: Sequence[Unit]) -> list[list[Unit]]:
+def waves(jobs: Sequence[list[Unit]], workers: int = 1) -> list[list[list[Unit]]]:
     """Trainings first, those of teachers that nobody has trained included; then the trees made of them."""
-    derived = [unit for unit in units if unit.teacher is not None]
-    teachers = [unit.teacher for unit in derived if unit.teacher is not None]
-    needed = [teacher for teacher in teachers if teacher.result() is None]
-    trained = [unit for unit in units if unit.teacher is None]
-    return [wave for wave in ([*dict.fromkeys([*trained, *needed])], derived) if wave]
+    derived = [job for job in jobs if job[0].teacher is not None]
+    trained = [job for job in jobs if job[0].teacher is None]
+    there = {unit for job in trained for unit in job}
+    teachers = dict.fromkeys(unit.teacher for job in derived for unit in job if unit.teacher is not None)
+    needed = [[unit] for unit in teachers if unit not in there and unit.result() is None]
+    return [interleaved(wave, workers) for wave in ([*trained, *needed], derived) if wave]
 
 
-def interleaved(plans: Sequence[CellPlan], workers: int) -> Iterator[list[Unit]]:
-    """Units of as many cells as there are workers in turn.
+def interleaved(jobs: Iterable[list[Unit]], workers: int) -> list[list[Unit]]:
+    """Jobs of as many cells as there are workers in turn.
 
-    So that each worker stays with a cell, whose program it has compiled, and cells are finished one after another.
+    So that workers rarely compile the same program at the same time, and cells are finished one after another.
     """
-    todo = [plan for plan in plans if plan.units]
-    todo.sort(key=lambda plan: plan.units[0].teacher is not None)
-    for i in range(0, len(todo), workers):
-        for together in zip_longest(*(plan.units for plan in todo[i : i + workers])):
-            yield [unit for unit in together if unit is not None]
+    cells: dict[Cell, list[list[Unit]]] = {}
+    for job in jobs:
+        cells.setdefault(job[0].cell, []).append(job)
+    queues = [*cells.values()]
+    together = (zip_longest(*queues[i : i + workers]) for i in range(0, len(queues), workers))
+    return [job for turns in together for turn in turns for job in turn if job is not None]
+
+
+def _with_teachers(wave: Sequence[list[Unit]], failures: list[Failure]) -> list[list[Unit]]:
+    """Without trees of teachers whose training failed, which fail with them."""
+    failed = {failure.task.name for failure in failures}
+    able = []
+    for job in wave:
+        if job[0].teacher is not None and job[0].teacher.name in failed:
+            failures.append(Failure(task_of(job), "the training of its teacher failed", ""))
+        else:
+            able.append(job)
+    return able
 
 
 def record_of(plan: CellPlan, results: Sequence[Result]) -> Record:
     """A cell's record, from its trainings that are done now and those that it had."""
-    rows = {result["seed"]: _row(result) for result in results} | _rows(plan.record)
+    rows = _rows(plan.record) | {result["seed"]: _row(result) for result in results}
     seeds = sorted(rows)
 
     def column(name: str) -> Any:
@@ -152,7 +164,7 @@ def record_of(plan: CellPlan, results: Sequence[Result]) -> Record:
 
 
 _COLUMNS = ("returns", "validation_returns", "sampled_returns", "nodes", "curves", "seconds")
-_NOTES = ("compile_seconds", "wall_seconds", "load", "backend")
+_NOTES = ("compile_seconds", "load", "backend")
 
 
 def _row(result: Result) -> dict[str, Any]:
@@ -171,6 +183,7 @@ def _rows(record: Record | None) -> dict[int, dict[str, Any]]:
     }
 
 
+@cache
 def commit() -> str:
     """Of the sources that run, "+" behind it where they differ from it; nothing where they are not in git."""
     here = Path(__file__).parent

@@ -12,9 +12,11 @@ from typing import Any
 from .recipes import Settings, applies, config_of, environment, method_of, same_config
 from .record import Cell, Record, RecordError
 from .tables import TABLES, Row, Table
-from .units import Unit
+from .units import Unit, jobs_of
 
 ALL = "all"
+PLAIN = "plain"
+"""Asks for the rows of a table that have no variant."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +46,19 @@ def tables_of(name: str) -> tuple[Table, ...]:
 def selected(
     table: Table, environments: Sequence[str] = (), methods: Sequence[str] = (), variants: Sequence[str] = ()
 ) -> Table:
-    """The part of a table that was asked for; what it does not have is added to it."""
+    """The part of a table that was asked for; what it does not have is added to it.
+
+    Raises:
+        ValueError: an unknown method or variant.
+    """
     algos = dict.fromkeys(row.algo for row in table.rows)
     rows = [row for row in table.rows if not methods or row.method in methods]
     new = [method for method in methods if method not in {row.method for row in rows}]
     rows += [Row(method, algo=algo) for method, algo in product(new, algos)]
     if variants:
         plain = dict.fromkeys(row._replace(variant="") for row in rows)
-        rows = [row._replace(variant=variant) for row, variant in product(plain, variants)]
+        names = ["" if variant == PLAIN else variant for variant in variants]
+        rows = [row._replace(variant=name) for row, name in product(plain, names)]
     for row in rows:
         method_of(row.method)
     return dataclasses.replace(
@@ -67,14 +74,32 @@ def cells_of(tables: Iterable[Table]) -> list[Cell]:
     return [cell for cell in cells if applies(cell)]
 
 
-def plan_cell(
-    cell: Cell, record: Record | None, settings: Settings, seeds: Sequence[int], runs: Path
-) -> CellPlan:
-    """What a cell lacks.
+def plan_cells(
+    cells: Iterable[Cell],
+    records: Mapping[Cell, Record],
+    settings: Settings,
+    seeds: Sequence[int],
+    runs: Path,
+) -> list[CellPlan]:
+    """What some cells lack. Of those that are trained in turns, what one lacks is done for all.
 
     Raises:
         RecordError: what there is would be replaced by less.
     """
+    plans = [plan_cell(cell, records.get(cell), settings, seeds, runs) for cell in cells]
+    for group in jobs_of(Unit(plan.cell, 0, settings, runs) for plan in plans):
+        members = [i for i, plan in enumerate(plans) if plan.cell in {unit.cell for unit in group}]
+        lacking = sorted({unit.seed for i in members for unit in plans[i].units})
+        for i in members:
+            units = tuple(Unit(plans[i].cell, seed, settings, runs) for seed in lacking)
+            plans[i] = dataclasses.replace(plans[i], units=units)
+    return plans
+
+
+def plan_cell(
+    cell: Cell, record: Record | None, settings: Settings, seeds: Sequence[int], runs: Path
+) -> CellPlan:
+    """What one cell lacks."""
     config = config_of(cell, settings)
     if record is None:
         kept, missing, was = None, seeds, "not run"
@@ -82,7 +107,7 @@ def plan_cell(
         kept, missing = record, record.missing(seeds)
         was = f"{len(record.seeds)} trainings"
     else:
-        _require_no_less(record, settings)
+        _require_no_less(record, settings, len(seeds))
         kept, missing, was = None, seeds, f"changed: {', '.join(changes(record.config, config))}"
     return CellPlan(cell, config, kept, tuple(Unit(cell, seed, settings, runs) for seed in missing), was)
 
@@ -103,12 +128,15 @@ def same_part(was: Any, now: Any) -> bool:
     return same_config({"part": was}, {"part": now})
 
 
-def _require_no_less(record: Record, settings: Settings) -> None:
+def _require_no_less(record: Record, settings: Settings, trainings: int) -> None:
     """A bench that is only tried out must not replace one that took hours."""
-    episodes = len(record.returns[0])
-    if settings.total_timesteps < record.total_timesteps or settings.episodes < episodes:
+    was = (record.total_timesteps, len(record.returns[0]), len(record.seeds))
+    now = (settings.total_timesteps, settings.episodes, trainings)
+    if any(n < w for n, w in zip(now, was, strict=True)):
+        words = [
+            f"{t} trainings of {steps:,} steps, {episodes} episodes each" for steps, episodes, t in (was, now)
+        ]
         raise RecordError(
-            f"there is a record of {' '.join(filter(None, record.cell))} with {record.total_timesteps:,} steps and "
-            f"{episodes} episodes; {settings.total_timesteps:,} steps and {settings.episodes} episodes would replace "
-            "it by less: write into another --root, or remove its file"
+            f"the record of {' '.join(filter(None, record.cell))} has {words[0]}, of another config, and would be "
+            f"replaced by {words[1]}; write into another --root, or remove the record"
         )

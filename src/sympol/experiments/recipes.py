@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
 from ..agents import AGENTS, Agent
 from ..algos.config import Config
+from ..distill import METHODS as DISTILLERS
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..trees.actions import BoxActions
@@ -41,8 +43,6 @@ _MORE: dict[str, Method] = {
 """In no table of the paper, but to be asked for."""
 _OWN: dict[str, str] = {}
 """Where the function of each registered method is."""
-_EPISODES = 25
-"""Of the teacher, that SA-DT is fitted on, as in the paper."""
 
 
 def register_method(slug: str, make: Make | str) -> None:
@@ -137,6 +137,10 @@ def config_of(cell: Cell, settings: Settings) -> dict[str, Any]:
     """Everything that decides what a cell's numbers are but its seeds: `Record.config`."""
     config: dict[str, Any] = {"episodes": settings.episodes}
     if (where := own(cell.method)) is not None:
+        if cell.variant:
+            raise ValueError(
+                f"{cell.method} is made by {where}, which knows no variants, got {cell.variant!r}"
+            )
         return {**config, "make": where, "training": {"total_timesteps": settings.total_timesteps}}
     if (teacher := teacher_cell(cell)) is not None:
         return {**config_of(teacher, settings), "distill": distilling(cell.method)}
@@ -146,10 +150,13 @@ def config_of(cell: Cell, settings: Settings) -> dict[str, Any]:
 
 def distilling(slug: str) -> dict[str, Any]:
     """How a tree is made of a teacher: the arguments of `sympol.distill.distill`, or discretizing."""
-    name, depth = slug.rsplit("-", 1)[0], method_of(slug).depth
+    depth = method_of(slug).depth
     if depth is None:
         return {"method": "discretize"}
-    return {"method": name, "depth": depth, **({"num_episodes": _EPISODES} if name == "sa-dt" else {})}
+    name = slug.rsplit("-", 1)[0]
+    parameters = inspect.signature(DISTILLERS[name]).parameters.items()
+    options = {key: of.default for key, of in parameters if isinstance(of.default, int) and key != "seed"}
+    return {"method": name, **options, "depth": depth}
 
 
 def same_config(was: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
