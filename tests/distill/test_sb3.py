@@ -100,7 +100,9 @@ def test_the_algorithm_is_found_by_what_its_file_holds(
 
 @pytest.fixture
 def sb3(recwarn: pytest.WarningsRecorder) -> Any:
-    return pytest.importorskip("stable_baselines3")
+    package = pytest.importorskip("stable_baselines3")
+    sys.modules["torch"].set_num_threads(1)  # its threads wait for each other where cores are shared
+    return package
 
 
 REAL = [
