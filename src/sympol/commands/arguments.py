@@ -145,10 +145,18 @@ class Bench:
     """Run what a table lacks, and write it: Markdown, LaTeX, CSV and plots, the paper's numbers beside ours.
 
     Each cell is some trainings, ordinary run folders, and ends as one small file in ROOT/results/cells. A finished
-    cell is never run again unless its config has changed; what was interrupted goes on where it was.
+    cell is never run again unless its config has changed; what was interrupted (Ctrl-C) goes on where it was.
+
+    What there is to do, and what it would take the place of: sympol bench control-ppo --list
+
+    The paper's first table on two processors: sympol bench control-ppo --workers 2
+
+    Your environment: sympol bench control-ppo --environments my_package:My-v0
+
+    Your method beside ours: sympol bench control-ppo --methods tree mlp mine=my_package.method:train
     """
 
-    table: Text
+    table: Annotated[Text, tyro.conf.arg(metavar="TABLE")]
     """control-ppo, control-a2c, ppo-vs-a2c, minigrid, information-loss, viper-control, viper-minigrid, tree-size,
     ablation, runtime, training-curves, or all."""
 

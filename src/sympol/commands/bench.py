@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Shown
 
 from ..experiments.bench import run
 from ..experiments.grids import Grid, grids
-from ..experiments.plan import CellPlan, cells_of, plan_cells, selected, tables_of
+from ..experiments.plan import ALL, CellPlan, cells_of, plan_cells, selected, tables_of
 from ..experiments.recipes import Settings, import_all, register_method
 from ..experiments.record import Record, load_all
-from ..experiments.render import write
+from ..experiments.render import write, write_docs
 from ..experiments.seeds import TRAINING
 from ..experiments.summary import by_cell
 from ..experiments.tables import Table
 from ..experiments.workers import Failure
 from .arguments import Bench, parse
 from .say import err, one_line_errors, out, print_error
+
+WIDTH = 200
+"""Of a table that is written to a file, or into a pipe."""
 
 
 @one_line_errors()
@@ -113,15 +118,30 @@ def _write(given: Bench, whole: Sequence[Table], parts: Sequence[Table]) -> None
     records = load_all(given.root)
     found = by_cell(records)
     folder = given.out or given.root / "docs" / "tables"
+    wide = out if out.is_terminal else Console(width=WIDTH, highlight=False, emoji=False)
     for table, part in zip(whole, parts, strict=True):
         written = write(table, records, folder)
         for grid in grids(part, found):
-            out.print(_shown(part, grid))
+            wide.print(_shown(part, grid))
         err.print(f"written to {', '.join(map(str, written))}", markup=False)
-        if missing := [cell for cell in table.cells() if cell not in found]:
+        missing = sum(cell not in found for cell in table.cells())
+        if missing:
+            words = shlex.join(_again(given, table.name))
             err.print(
-                f"{len(missing)} of its {len(table.cells())} cells are not run: sympol bench {table.name}"
+                f"{missing} of its {len(table.cells())} cells are not run; to run them: {words}", markup=False
             )
+    if given.table == ALL:
+        page, *_ = write_docs(records, folder.parent, whole)
+        err.print(f"all on one page: {page}", markup=False)
+
+
+def _again(given: Bench, table: str) -> list[str]:
+    """The command for a whole table, with what was said of how to run it."""
+    words = ["sympol", "bench", table]
+    for name in ("trainings", "episodes", "total_timesteps", "workers", "scheduler", "root", "runs", "out"):
+        if (value := getattr(given, name)) != getattr(Bench, name):
+            words += [f"--{name.replace('_', '-')}", str(value)]
+    return words
 
 
 def _shown(table: Table, grid: Grid) -> Shown:

@@ -37,12 +37,16 @@ class Work:
     results: dict[Cell, dict[int, Result]] = field(default_factory=dict)
 
     def keep(self, unit: Unit, result: Result) -> None:
-        """Take a unit's result; write its cell's record if it was the last."""
-        done = self.results.setdefault(unit.cell, {})
-        done[unit.seed] = result
-        plan = next((plan for plan in self.plans if plan.cell == unit.cell), None)
-        if plan is not None and all(unit.seed in done for unit in plan.units):
-            self.write(plan)
+        """Take a unit's result; write its cell's record if it was the last.
+
+        A teacher that was trained for its trees alone is no part of a record.
+        """
+        for plan in self.plans:
+            if unit in plan.units:
+                done = self.results.setdefault(unit.cell, {})
+                done[unit.seed] = result
+                if all(unit.seed in done for unit in plan.units):
+                    self.write(plan)
 
     def has(self, job: Sequence[Unit]) -> bool:
         """Whether a job's results are in its folders already; takes them if so."""
