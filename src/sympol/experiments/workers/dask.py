@@ -1,0 +1,184 @@
+"""Tasks on a Dask cluster: submitted as futures, each worker's versions compared with ours first."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import uuid
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from .board import Board
+from .task import Task, circumstances, encode, perform, versions
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_PATIENCE = 10
+"""Seconds for a scheduler to answer."""
+_WORDS = {"code": "sympol's code", "threads": "JAX threads:"}
+_SAME = "install the same on both (from a checkout, the same commit) and start the worker again"
+
+
+class SchedulerError(ConnectionError):
+    """The cluster cannot be used: nobody answers, or a worker would give other results."""
+
+
+@dataclass(frozen=True)
+class _Cluster:
+    client: Client
+    address: str
+    ours: dict[str, str]
+    """What a worker must run to give our results."""
+    topic: str = field(default_factory=lambda: f"sympol-{uuid.uuid4().hex[:8]}")
+    """Where workers tell which task they have begun."""
+
+    def submit(self, task: Task) -> Future:
+        return self.client.submit(
+            _perform_there,
+            self.topic,
+            task.name,
+            task.function,
+            encode(task),
+            self.ours,
+            key=f"{task.name}-{uuid.uuid4().hex}",
+            pure=False,
+        )
+
+
+def run_on_cluster(tasks: Sequence[Task], address: str, retries: int, board: Board) -> None:
+    """Do the tasks on the workers of a Dask scheduler.
+
+    A task whose worker was lost is done again, first by the scheduler (its ``allowed-failures``, 3 unless set),
+    then by us, until more than ``retries`` workers were lost with it.
+
+    Raises:
+        SchedulerError: nobody answers at the address, it went away, or a worker runs another version.
+        ImportError: distributed is not installed.
+    """
+    with _connect(address) as client:
+        _compare_versions(client, address, board)
+        cluster = _Cluster(client, address, circumstances())
+        client.subscribe_topic(cluster.topic, _starts(tasks, board))
+        futures = {cluster.submit(task): task for task in tasks}
+        try:
+            _collect(cluster, futures, retries, board)
+        except BaseException:
+            with contextlib.suppress(Exception):  # the scheduler may be what went away
+                client.cancel([*futures], force=True)
+            raise
+
+
+def _collect(cluster: _Cluster, futures: dict[Future, Task], retries: int, board: Board) -> None:
+    from distributed import as_completed
+    from distributed.scheduler import KilledWorker
+
+    lost = dict.fromkeys((task.name for task in futures.values()), 0)
+    completed = as_completed([*futures], loop=cluster.client.loop)
+    for future in completed:
+        task = futures.pop(future)
+        if future.status == "finished":
+            threads: Any = cluster.client.nthreads()
+            board.parallel = max(sum(threads.values()), 1)
+            board.answer(task, _checked(future.result(), cluster.ours))
+            continue
+        if future.status in ("cancelled", "lost"):
+            raise SchedulerError(
+                f"the scheduler at {cluster.address} went away, or was told to cancel {task.name!r}; {board.done} of "
+                f"{board.total} tasks are done and kept: start it again (dask scheduler), and the same command goes "
+                "on from here"
+            )
+        error = future.exception()
+        if not isinstance(
+            error, KilledWorker
+        ):  # perform catches what a task raises: this is Dask's own trouble
+            board.fail(task, f"{type(error).__name__}: {error}")
+            continue
+        lost[task.name] += error.allowed_failures + 1
+        reason = f"{lost[task.name]} workers were lost with it, {error.last_worker.address} the last"
+        if lost[task.name] > retries:
+            board.fail(task, reason, "What the worker wrote to its own terminal or log says why.")
+            continue
+        board.retry(task, reason)
+        again = cluster.submit(task)
+        futures[again] = task
+        completed.add(again)
+
+
+@contextlib.contextmanager
+def _connect(address: str) -> Iterator[Client]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ImportError(
+            f"a scheduler needs Dask distributed ({error}): pip install 'sympol[cluster]'"
+        ) from None
+    logger = logging.getLogger("distributed")  # it tells of lost connections in its own way, over our line
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        try:
+            client = Client(address, timeout=_PATIENCE, set_as_default=False, name="sympol")
+        except (OSError, ValueError, TypeError) as error:
+            raise SchedulerError(
+                f"no Dask scheduler answers at {address!r} within {_PATIENCE} s ({error}); start one with "
+                "'dask scheduler', which prints the address to give, and see that no firewall is between"
+            ) from None
+        with client:
+            yield client
+    finally:
+        logger.setLevel(level)
+
+
+def _compare_versions(client: Client, address: str, board: Board) -> None:
+    """Refuse workers whose results could differ; those that join later are asked with their first task."""
+    ours = versions()
+    packages = [name for name in ours if name != "python"]  # which it tells in any case
+    told: Any = client.get_versions(packages=packages)
+    for worker, there in sorted(told["workers"].items()):
+        theirs = {name: there["packages"].get(name) or "none" for name in ours}
+        theirs["python"] = ".".join(theirs["python"].split(".")[:2])
+        _refuse_difference(worker, theirs, ours)
+    if not told["workers"]:
+        board.say(f"no workers at {address} yet, waiting for the first: dask worker {address}")
+
+
+def _refuse_difference(worker: str, theirs: dict[str, str], ours: dict[str, str]) -> None:
+    for name, here in ours.items():
+        if theirs.get(name) != here:
+            remedy = f"start it with PJRT_NPROC={here}" if name == "threads" else _SAME
+            raise SchedulerError(
+                f"worker {worker} has {_WORDS.get(name, name)} {theirs.get(name)}, this process has {here}: their "
+                f"results could differ; {remedy}"
+            )
+
+
+def _perform_there(topic: str, name: str, function: str, arguments: str, expected: dict[str, str]) -> str:
+    """On the worker: do it, unless we are not who we should be."""
+    from distributed import get_worker
+
+    worker = get_worker()
+    here = circumstances()
+    if here != expected:
+        return json.dumps({"refused": worker.address, "circumstances": here})
+    worker.log_event(topic, name)
+    return perform(function, arguments)
+
+
+def _checked(answer: str, ours: dict[str, str]) -> str:
+    if answer.startswith('{"refused"'):
+        content = json.loads(answer)
+        _refuse_difference(content["refused"], content["circumstances"], ours)
+    return answer
+
+
+def _starts(tasks: Sequence[Task], board: Board) -> Any:
+    by_name = {task.name: task for task in tasks}
+
+    def started(event: Any) -> None:
+        _, name = event
+        board.start(by_name[name])
+
+    return started
