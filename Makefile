@@ -2,6 +2,8 @@
 PYTHON ?= python3
 ENV ?= CartPole-v1
 ARGS ?=
+# what the tests need beyond [dev]; with sb3, which is a gigabyte, those of its teachers run, too
+EXTRAS ?= envpool
 
 .DEFAULT_GOAL := help
 .PHONY: help install train test lint docs bench clean
@@ -32,7 +34,12 @@ lint: install    ## ruff and pyright
 docs: install    ## the documentation, into site/; a broken link is an error
 	.venv/bin/mkdocs build --strict --quiet
 
-test: .venv/.envpool lint docs  ## everything CI runs
+.venv/.extras: .venv/.installed
+	.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]'
+	@touch $@
+
+test: .venv/.extras lint docs  ## everything CI runs
+	tests/experiments/install-postgres.sh
 	.venv/bin/pytest -n 2 --dist loadfile
 
 bench: install   ## measure what is claimed to be fast, into results/

@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from ..envs.host import EnvironmentFailure
+from ..experiments.workers import TasksFailed
 from ..runs.folder import RunError
 from ..runs.progress import decimals
 
@@ -32,7 +33,7 @@ def one_line_errors() -> Iterator[None]:
     except (RunError, ValueError) as error:  # ConfigError and UnknownEnvironment are ValueErrors
         print_error(error)
         raise SystemExit(2) from None
-    except (EnvironmentFailure, ImportError, gymnasium.error.Error, OSError) as error:
+    except (EnvironmentFailure, TasksFailed, ImportError, gymnasium.error.Error, OSError) as error:
         print_error(error)
         raise SystemExit(1) from None
     except KeyboardInterrupt:
