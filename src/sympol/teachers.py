@@ -10,6 +10,7 @@ from jaxtyping import Float32, Float64
 from .agents import Agent
 from .algos.bounds import kept_bounds
 from .distill.discretize import discretize
+from .distill.soft_view import SoftView
 from .distill.teacher import Teacher
 from .policies.soft_tree import SoftTree
 from .trees import DecisionTree
@@ -49,20 +50,18 @@ def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
         ValueError: an agent of another policy.
         RuntimeError: before `learn`.
     """
-    if agent.config.policy != "sdt":
+    if not has_soft_tree(agent):
         raise ValueError(
             f"discretize makes a soft decision tree hard and needs a teacher of policy 'sdt', got "
             f"{agent.config.policy!r}; use the method viper, dagger or sa-dt"
         )
-    actor: Any = agent.actor
-    assert isinstance(actor, SoftTree)
+    view, features = soft_view(agent), agent.spec.features
     assert agent.state is not None
-    normalizer, features = agent.state.normalizer, agent.spec.features
     low, high = kept_bounds(features, agent.state)
     tree = discretize(
-        actor,
-        np.asarray(normalizer.shift),
-        np.asarray(normalizer.scale),
+        view.actor,
+        view.shift,
+        view.scale,
         actions=agent.actions,
         feature_names=features.names,
         feature_low=low,
@@ -70,3 +69,27 @@ def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
         groups=features.groups,
     )
     return tree.prune(observations=agent.spec.all_observations()) if prune else tree
+
+
+def has_soft_tree(agent: Agent) -> bool:
+    """Whether the policy is a soft tree, so that `soft_view` can show it."""
+    return agent.config.policy == "sdt"
+
+
+def soft_view(agent: Agent) -> SoftView:
+    """The soft tree of an agent, for pictures and text.
+
+    Raises:
+        RuntimeError: before `learn`.
+    """
+    actor: Any = agent.actor
+    assert isinstance(actor, SoftTree)
+    assert agent.state is not None
+    normalizer = agent.state.normalizer
+    return SoftView(
+        actor,
+        np.asarray(normalizer.shift),
+        np.asarray(normalizer.scale),
+        agent.actions,
+        agent.spec.features.names,
+    )

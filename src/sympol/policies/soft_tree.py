@@ -54,12 +54,16 @@ class SoftTree(eqx.Module):
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
         """The mean of the leaves' outputs, weighted by the ways of each observation."""
+        return self.reach(x) @ self.leaf_values
+
+    def reach(self, x: Float[Array, "batch features"]) -> Float[Array, "batch leaves"]:
+        """The weight of each observation's way to each leaf; rows sum to one."""
         left = entmoid15((self.thresholds[None] - x @ self.weights.T) / self.temperature)
         reach = jnp.ones((x.shape[0], 1))
         for depth in range(len(self.thresholds).bit_length()):
             gate = left[:, 2**depth - 1 : 2 ** (depth + 1) - 1]
             reach = jnp.stack([reach * gate, reach * (1 - gate)], axis=-1).reshape(x.shape[0], -1)
-        return reach @ self.leaf_values
+        return reach
 
     def rollout(self) -> SoftTree:
         """As it is: there is nothing to choose beforehand."""

@@ -9,23 +9,22 @@ Where a tree asks what lies in a cell of what an agent sees, it is drawn as that
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .actions import BoxActions, DiscreteActions
 from .floats import number, printable
-from .layout import levels, tidy
 from .plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen, TextBox, shortened
+from .plot_page import STYLE, Drawable, Layout, check_file, lay_out, save
 from .plot_view import ViewBox, view_side
 from .text import asked_group, leaf_words, question, visit_share
 from .tree import DecisionTree
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
+    from jaxtyping import Bool
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
@@ -33,40 +32,12 @@ if TYPE_CHECKING:
 MOST_NODES = 2000
 
 # Okabe and Ito's colours, those that lie furthest apart first
-_COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#D55E00", "#0072B2", "#999999")
+COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#D55E00", "#0072B2", "#999999")
 _DIVERGING, _SEQUENTIAL = "RdBu_r", "cividis"
 _ARROWS = {"turn left": "↰", "turn right": "↱", "forward": "↑", "move forward": "↑"}
 """Said beside the words where a tree is drawn with views, in which up is where the agent looks."""
 
-# inches, on paper
-_PAGE = (10.0, 7.0)
-_MARGIN = 0.15
-
-_METADATA: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
-STYLE: dict[Any, Any] = {
-    "svg.hashsalt": "sympol",  # the same tree, the same file
-    "svg.fonttype": "path",
-    "pdf.fonttype": 42,
-    "font.family": "DejaVu Sans",
-    "text.usetex": False,
-    "path.sketch": None,
-}
-
 Box: TypeAlias = TextBox | ViewBox
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Centres and sizes of all boxes [nodes, 2], in inches from the upper left corner."""
-
-    centre: Float[np.ndarray, "nodes 2"]
-    size: Float[np.ndarray, "nodes 2"]
-    downward: bool
-
-    @property
-    def extent(self) -> Float[np.ndarray, " 2"]:
-        """Width and height of the picture."""
-        return (self.centre + self.size / 2).max(axis=0) + _MARGIN
 
 
 def plot(
@@ -87,9 +58,8 @@ def plot(
         ValueError: if the path ends neither in .svg, .pdf nor .png, or the tree is too large to look at, or
             ``highlight`` is not one observation.
     """
-    suffix = Path(path).suffix.lower() if path is not None else ".svg"
-    if suffix not in _METADATA:
-        raise ValueError(f"a plot is saved as .svg, .pdf or .png, got {str(path)!r}")
+    if path is not None:
+        check_file(path)
     if tree.n_nodes > MOST_NODES:
         raise ValueError(f"at most {MOST_NODES} nodes can be drawn, got {tree.n_nodes}; prune the tree first")
     lit = None if highlight is None else tree.decision_path(highlight)
@@ -105,41 +75,21 @@ def plot(
         figure = ax.figure.canvas.figure  # the whole one, also where ax is on a part of it
         draw(tree, layout, boxes, ax, lit)
         if path is not None:
-            dpi = min(200.0, 20_000 / max(figure.get_size_inches()))
-            figure.savefig(path, dpi=dpi, metadata=_METADATA[suffix])
+            save(figure, path)
     return figure
 
 
 def arrange(tree: DecisionTree, digits: int) -> tuple[Layout, list[Box]]:
-    """Lay the tree out downward if that can be read on a page, and else to the right if that is better."""
-    downward, down_boxes = _laid_out(tree, digits, downward=True)
-    rightward, right_boxes = _laid_out(tree, digits, downward=False)
-
-    def scale_on_page(layout: Layout) -> float:
-        return min(1.0, float(np.min(np.sort(_PAGE) / np.sort(layout.extent))))
-
-    if scale_on_page(downward) >= min(0.8, scale_on_page(rightward)):
-        return downward, down_boxes
-    return rightward, right_boxes
-
-
-def _laid_out(tree: DecisionTree, digits: int, *, downward: bool) -> tuple[Layout, list[Box]]:
-    boxes = _boxes(tree, digits, downward=downward)
+    """Lay the tree out with its boxes, see `lay_out`."""
     yes_is_right = np.array(
         [not leaf and asked_group(tree, i) is not None for i, leaf in enumerate(tree.is_leaf)]
     )
-    size = np.array([box.size for box in boxes])
-    width, height = size.T
-    if downward:
-        x, y = tidy(tree, width, 0.12, yes_is_right), levels(tree, height, gap=0.45)
-    else:
-        x, y = levels(tree, width, gap=0.55), tidy(tree, height, 0.07, yes_is_right)
-    return Layout(np.stack([x, y], axis=1) + _MARGIN, size, downward), boxes
+    return lay_out(tree, lambda downward: _boxes(tree, digits, downward=downward), yes_is_right)
 
 
 def _boxes(tree: DecisionTree, digits: int, *, downward: bool) -> list[Box]:
     """Word and colour every node; a leaf's share of visits goes where there is room: below, or behind."""
-    colour, side = _leaf_colours(tree), view_side(tree.groups)
+    colour, side = leaf_colours(tree), view_side(tree.groups)
     boxes: list[Box] = []
     for node in range(tree.n_nodes):
         if not tree.is_leaf[node]:
@@ -170,13 +120,13 @@ def _question_box(tree: DecisionTree, node: int, digits: int, side: int) -> Box:
     return ViewBox(side, group.cell, group.categories[group.features.index(feature)], words)
 
 
-def _leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
+def leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
     """Return a colour for each component of each node's action."""
     actions = tree.actions
     decided = actions.decide(tree.value).reshape(tree.n_nodes, -1)
     if not isinstance(actions, BoxActions):
         start = actions.start if isinstance(actions, DiscreteActions) else np.array(actions.start)
-        return [tuple(_COLOURS[i % len(_COLOURS)] for i in row) for row in (decided - start).tolist()]
+        return [tuple(COLOURS[i % len(COLOURS)] for i in row) for row in (decided - start).tolist()]
 
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
@@ -197,7 +147,7 @@ def _leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
 def draw(
     tree: DecisionTree,
     layout: Layout,
-    boxes: list[Box],
+    boxes: Sequence[Drawable],
     ax: Axes,
     lit: Bool[np.ndarray, " nodes"] | None = None,
     *,
@@ -220,7 +170,7 @@ def draw(
             if shown[child]:
                 _draw_edge(tree, layout, pens[child], int(node), child, answer)  # lit as the child is
     for node in np.flatnonzero(shown):
-        boxes[node].draw(pens[node], layout.centre[node])
+        boxes[int(node)].draw(pens[int(node)], layout.centre[node])
 
 
 def _draw_edge(tree: DecisionTree, layout: Layout, pen: Pen, parent: int, child: int, answer: str) -> None:

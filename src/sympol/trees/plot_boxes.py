@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -47,15 +47,24 @@ class Pen:
         colour, width = (INK, 1.8) if self.lit else (LINE, 0.8)
         return {"edgecolor": self.colour(colour), "linewidth": width * self.scale}
 
-    def words(self, x: float, y: float, words: str, *, size: float = FONT_SIZE, on: str = PAPER) -> None:
-        """Write words centred at a place, in what can be read on a colour."""
+    def words(
+        self,
+        x: float,
+        y: float,
+        words: str,
+        *,
+        size: float = FONT_SIZE,
+        on: str = PAPER,
+        align: Literal["left", "center", "right"] = "center",
+    ) -> None:
+        """Write words at a place, in what can be read on a colour."""
         self.ax.text(
             x,
             y,
             words,
             size=size * self.scale,
             color=self.colour(readable_on(self.colour(on))),
-            ha="center",
+            ha=align,
             va="center_baseline",
             parse_math=False,
             zorder=5,

@@ -1,0 +1,126 @@
+"""A soft decision tree as its readers see it: plain numbers with names, for pictures and for text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..policies.soft_tree import SoftTree
+from ..trees import DecisionTree
+from ..trees.actions import ActionSpec
+from ..trees.floats import printable
+
+MOST_TERMS = 5
+"""Features that a node names; of more, the lightest are added up."""
+
+
+class Term(NamedTuple):
+    """A feature, or several that are added up, and the weight that a node gives it."""
+
+    name: str
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class SoftView:
+    """A soft tree of N = 2^D − 1 nodes, breadth-first, and what its numbers mean.
+
+    The nodes see ``(x − shift) · scale``. ``shares [leaves]`` says how much of the weight of some observations came to
+    each leaf, if that is known.
+    """
+
+    actor: SoftTree
+    shift: Float[np.ndarray, " features"]
+    scale: Float[np.ndarray, " features"]
+    actions: ActionSpec
+    feature_names: tuple[str, ...]
+    shares: Float[np.ndarray, " leaves"] | None = None
+
+    def __post_init__(self) -> None:
+        """Check what a file may have got wrong."""
+        if self.shares is not None and np.shape(self.shares) != np.shape(self.leaf_values)[:1]:
+            raise ValueError(
+                f"shares must be one for each of {len(self.leaf_values)} leaves, got {self.shares}"
+            )
+
+    @property
+    def thresholds(self) -> Float[np.ndarray, " nodes"]:
+        """What the weighted sum of scaled features is compared with."""
+        return np.asarray(self.actor.thresholds)
+
+    @property
+    def leaf_values(self) -> Float[np.ndarray, "leaves outputs"]:
+        """Logits, or means."""
+        return np.asarray(self.actor.leaf_values)
+
+    @property
+    def reach(self) -> float:
+        """How far beyond its threshold a gate has closed: entmoid15 is 0 and 1 beyond ∓2."""
+        return 2 * self.actor.temperature
+
+    def terms(self, node: int) -> list[Term]:
+        """What a node adds up, the heaviest first; features without any weight are left out."""
+        weights = np.asarray(self.actor.weights[node], np.float64)
+        order = [int(i) for i in np.argsort(-weights, kind="stable") if weights[i] > 0]
+        if len(order) <= MOST_TERMS:
+            named, rest = order, []
+        else:
+            named, rest = order[: MOST_TERMS - 1], order[MOST_TERMS - 1 :]
+        terms = [Term(printable(self.feature_names[i]), float(weights[i])) for i in named]
+        return terms + ([Term(f"{len(rest)} others", float(weights[rest].sum()))] if rest else [])
+
+    def scaling(self) -> list[str]:
+        """How the features that some node looks at are scaled, in words; nothing for those that are not."""
+        used = np.flatnonzero((np.asarray(self.actor.weights) > 0).any(axis=0))
+        scaled = [i for i in used.tolist() if (self.shift[i], self.scale[i]) != (0, 1)]
+        return [
+            f"{printable(self.feature_names[i])}: {_affine(self.shift[i], self.scale[i])}" for i in scaled
+        ]
+
+    def with_shares_of(self, x: Float[np.ndarray, "batch features"]) -> SoftView:
+        """Count the weights of the ways of raw observations."""
+        scaled = (np.asarray(x, np.float32) - self.shift) * self.scale
+        return replace(self, shares=np.asarray(self.actor.reach(jnp.asarray(scaled)).mean(axis=0)))
+
+    def skeleton(self) -> DecisionTree:
+        """A hard tree of the same form, for what lays trees out; node by node `in_preorder` of this one."""
+        tree = DecisionTree.from_complete(
+            np.asarray(self.actor.weights).argmax(axis=1),
+            self.thresholds,
+            self.leaf_values,
+            actions=self.actions,
+            feature_names=self.feature_names,
+        )
+        if self.shares is None:
+            return tree
+        levels = [np.round(1e6 * np.asarray(self.shares, np.float64)).astype(np.int64)]
+        while len(levels[0]) > 1:
+            levels.insert(0, levels[0].reshape(-1, 2).sum(axis=1))
+        return replace(tree, n_node_samples=np.concatenate(levels)[in_preorder(len(self.thresholds))])
+
+
+def in_preorder(n_inner: int) -> list[int]:
+    """The nodes of a complete tree, numbered breadth-first, in preorder."""
+    order, awaited = [], [0]
+    while awaited:
+        order.append(node := awaited.pop())
+        if node < n_inner:
+            awaited += [2 * node + 2, 2 * node + 1]
+    return order
+
+
+def _affine(shift: float, scale: float) -> str:
+    if shift == 0:
+        return f"x · {scale:.3g}"
+    return f"(x {'−' if shift > 0 else '+'} {abs(shift):.3g}) · {scale:.3g}"
+
+
+def percent(share: float) -> str:
+    """A share in words: ``62 %``, ``<1 %``, ``>99 %``."""
+    if 0 < share < 0.005:
+        return "<1 %"
+    return ">99 %" if 0.995 <= share < 1 else f"{share:.0%}".replace("%", " %")
