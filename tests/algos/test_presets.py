@@ -1,11 +1,13 @@
 """Presets: every one can be trained with, and says where it comes from."""
 
+import tomllib
 from importlib.resources import files
 
 import pytest
 
-from sympol.algos.config import Config
-from sympol.algos.presets import preset, presets_of
+from sympol.algos.config import Config, ConfigError
+from sympol.algos.presets import ANY, preset, presets_of
+from sympol.algos.rules import CHOICES
 
 ENVIRONMENTS = sorted(
     file.name.removesuffix(".toml")
@@ -27,17 +29,56 @@ OF_THE_PAPER = [
 ]
 
 
-@pytest.mark.parametrize("env", ENVIRONMENTS)
-def test_every_preset_of_the_tree_is_a_valid_config(env):
-    for name in presets_of(env):
-        Config.from_dict(preset(env, name))
+def sections(env: str) -> dict:
+    file = files("sympol") / "presets" / f"{env}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+PRESETS = [
+    pytest.param(env, algorithm, policy, name, values, id=f"{env}-{algorithm}-{policy}-{name}")
+    for env in ENVIRONMENTS
+    for algorithm, policies in sections(env).items()
+    for policy, named in policies.items()
+    for name, values in named.items()
+]
+"""Whatever the files hold, also what nobody asks for."""
+
+
+@pytest.mark.parametrize(("env", "algorithm", "policy", "name", "values"), PRESETS)
+def test_every_preset_is_a_valid_config_and_says_where_it_comes_from(env, algorithm, policy, name, values):
+    assert algorithm in CHOICES["algorithm"]
+    assert policy in CHOICES["policy"]
+    assert len(values["source"]) > 20
+    which = {"algorithm": algorithm, "policy": policy}
+    config = Config.from_dict({**which, **preset(env, name, **which)})
+    for field, value in values.items():
+        if field != "source":
+            assert getattr(config, field) == (tuple(value) if isinstance(value, list) else value)
+
+
+@pytest.mark.parametrize("algorithm", CHOICES["algorithm"])
+@pytest.mark.parametrize("policy", CHOICES["policy"])
+def test_an_environment_without_a_file_gets_the_defaults_of_any(algorithm, policy):
+    which = {"algorithm": algorithm, "policy": policy}
+    assert presets_of("Nowhere-v0", **which) == {}
+    assert preset("Nowhere-v0", **which) == preset(ANY, **which)
+    Config.from_dict({**which, **preset("Nowhere-v0", **which)})
+    if (algorithm, policy) != ("ppo", "tree"):  # for which the config's own defaults are made
+        assert preset("Nowhere-v0", **which)["dynamic_rollout"] is False
+    with pytest.raises(
+        ConfigError, match=rf"no preset 'paper' for {algorithm} with {policy}; it has none but"
+    ):
+        preset("Nowhere-v0", "paper", **which)
 
 
 @pytest.mark.parametrize("env", ENVIRONMENTS)
-@pytest.mark.parametrize("policy", ["tree", "mlp", "sdt"])
-def test_every_preset_says_where_it_comes_from(env, policy):
-    for values in presets_of(env, policy).values():
-        assert len(values["source"]) > 20
+@pytest.mark.parametrize("algorithm", CHOICES["algorithm"])
+@pytest.mark.parametrize("policy", CHOICES["policy"])
+def test_a_default_of_its_own_goes_before_that_of_any(env, algorithm, policy):
+    which = {"algorithm": algorithm, "policy": policy}
+    default = presets_of(env, **which).get("default", presets_of(ANY, **which).get("default", {}))
+    assert preset(env, **which) == {k: v for k, v in default.items() if k != "source"}
+    Config.from_dict({**which, **preset(env, **which)})
 
 
 @pytest.mark.parametrize("env", OF_THE_PAPER)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sympol.functional import entmax15
+from sympol.functional.entmax import entmoid15
 from tests.functional.oracle import entmax15_sorted
 
 
@@ -90,3 +91,62 @@ def test_bad_input_is_named():
         entmax15(jnp.zeros((2, 3)), axis=2)
     with pytest.raises(ValueError, match="must have an entry along axis -1, got shape \\(2, 0\\)"):
         entmax15(jnp.zeros((2, 0)))
+
+
+ENDS = np.float32(
+    [-3e38, -1e9, -1e3, -2.0001, -2, -1.9999, -0.0, 0, 1e-30, 1.9999, 2, 2.0001, 1e3, 1e9, 3e38]
+)
+Z = np.concatenate([np.linspace(-2.5, 2.5, 2001, dtype=np.float32), ENDS])
+
+
+def first_of_two(z: jax.Array) -> jax.Array:
+    return entmax15(jnp.stack([z, jnp.zeros_like(z)], axis=-1))[..., 0]
+
+
+def pairs(z: np.ndarray) -> np.ndarray:
+    return np.stack([z, np.zeros_like(z)], axis=-1)
+
+
+def test_entmoid_is_the_first_of_two_probabilities():
+    p = np.asarray(jax.jit(entmoid15)(Z))
+    np.testing.assert_allclose(p, jax.jit(first_of_two)(Z), atol=4e-7, rtol=0)
+    np.testing.assert_allclose(p, sorted_in_float64(pairs(Z))[:, 0], atol=2e-7, rtol=0)
+    assert np.array_equal(p[Z <= -2], np.zeros_like(p[Z <= -2]))
+    assert np.array_equal(p[Z >= 2], np.ones_like(p[Z >= 2]))
+    assert np.all(np.diff(p[:2001]) >= 0)
+    grid = Z[:2000].reshape(5, 8, 50)
+    assert np.array_equal(jax.jit(entmoid15)(grid), p[:2000].reshape(5, 8, 50))
+
+
+def test_the_two_probabilities_of_an_entmoid_sum_to_one():
+    np.testing.assert_allclose(jax.jit(entmoid15)(Z) + jax.jit(entmoid15)(-Z), 1, atol=2e-7, rtol=0)
+    np.testing.assert_allclose(entmoid15(jnp.float32(0)), 0.5, rtol=1e-7)
+
+
+def test_derivative_of_the_entmoid():
+    """Against differences of the sorting algorithm in float64, and against entmax15's own derivative."""
+    slope = np.asarray(jax.jit(jax.vmap(jax.grad(entmoid15)))(Z))
+    h = 1e-5
+    near = np.abs(Z) < 10  # beyond, float64 cannot tell z from z + h
+    right, left = (sorted_in_float64(pairs(Z[near].astype(np.float64) + d))[:, 0] for d in (h, -h))
+    np.testing.assert_allclose(slope[near], (right - left) / (2 * h), atol=2e-6, rtol=0)
+    theirs = jax.jit(jax.vmap(jax.grad(first_of_two)))(Z)
+    np.testing.assert_allclose(slope, theirs, atol=2e-6, rtol=0)
+    np.testing.assert_allclose(slope, slope_by_hand(Z), atol=4e-7, rtol=0)
+
+
+def slope_by_hand(z: np.ndarray) -> np.ndarray:
+    """entmax15's symmetric matrix for two entries, s = √p: p' = s₁s₂ / (s₁ + s₂)."""
+    s = np.sqrt(sorted_in_float64(pairs(z)))
+    return s.prod(-1) / s.sum(-1)
+
+
+def test_the_entmoid_s_gradient_is_zero_at_its_ends_and_never_nan():
+    slope_at = jax.jit(jax.vmap(jax.grad(entmoid15)))
+    slope = np.asarray(slope_at(Z))
+    assert np.isfinite(slope).all()
+    assert not np.any(slope[np.abs(Z) >= 2])
+    assert np.all(slope[np.abs(Z) < 1.99] > 0)
+    special = np.float32([-np.inf, np.inf, 0])
+    np.testing.assert_allclose(jax.jit(entmoid15)(special), [0, 1, 0.5], rtol=1e-7)
+    np.testing.assert_allclose(slope_at(special), [0, 0, 2**-1.5], rtol=1e-6)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sympol.policies.mlp import MLP
+from sympol.policies.mlp import MLP, MLPActor
 from sympol.policies.tree import Tree
 
 
@@ -37,3 +37,24 @@ def test_the_mlp_is_layers_with_tanh_between():
     np.testing.assert_allclose(
         linear(jnp.asarray(x)), x @ np.asarray(linear.weights[0]), rtol=1e-5, atol=1e-6
     )
+
+
+def test_an_mlp_that_acts_is_the_network_and_its_noise():
+    key, x = jax.random.key(4), jnp.asarray(np.random.default_rng(0).normal(size=(7, 3)), jnp.float32)
+    actor, net = MLPActor.create(key, (3, 5, 2), num_std=2, log_std=-0.5), MLP.create(key, (3, 5, 2))
+    np.testing.assert_array_equal(actor.log_std, np.float32([-0.5, -0.5]))
+    np.testing.assert_array_equal(actor(x), net(x))
+    np.testing.assert_array_equal(actor.rollout()(x), net(x))
+    assert MLPActor.create(key, (3, 2)).log_std.shape == (0,)
+
+
+def test_an_mlp_begins_random_and_nearly_indifferent():
+    """Layers of variance 1/inputs keep the size of what goes through; the last is a tenth of that."""
+    one, other = (MLPActor.create(jax.random.key(s), (100, 200, 2)).net for s in range(2))
+    assert [w.shape for w in one.weights] == [(100, 200), (200, 2)]
+    assert [b.shape for b in one.biases] == [(200,), (2,)]
+    assert not any(np.any(b) for b in one.biases)
+    np.testing.assert_allclose(np.std(one.weights[0]), 1 / np.sqrt(100), rtol=0.05)
+    np.testing.assert_allclose(np.std(one.weights[1]), 0.1 / np.sqrt(200), rtol=0.15)
+    for a, b in zip(one.weights, other.weights, strict=True):
+        assert not np.any(np.asarray(a) == np.asarray(b))
