@@ -58,7 +58,7 @@ def _tables(given: Bench) -> tuple[list[Table], list[Table]]:
     """The tables as they are written, and the parts of them that were asked for."""
     if not 1 <= given.trainings <= len(TRAINING):
         raise ValueError(f"--trainings must be from 1 to {len(TRAINING)}, got {given.trainings}")
-    for name in ("episodes", "total_timesteps"):
+    for name in ("episodes", "total_timesteps", "workers"):
         if getattr(given, name) < 1:
             raise ValueError(f"--{name.replace('_', '-')} must be at least 1, got {getattr(given, name)}")
     import_all(given.imports)

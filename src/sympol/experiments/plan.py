@@ -134,7 +134,8 @@ def _require_no_less(record: Record, settings: Settings, trainings: int) -> None
     now = (settings.total_timesteps, settings.episodes, trainings)
     if any(n < w for n, w in zip(now, was, strict=True)):
         words = [
-            f"{t} trainings of {steps:,} steps, {episodes} episodes each" for steps, episodes, t in (was, now)
+            f"{n} training{'s' if n > 1 else ''} of {steps:,} steps, {episodes} episodes each"
+            for steps, episodes, n in (was, now)
         ]
         raise RecordError(
             f"the record of {' '.join(filter(None, record.cell))} has {words[0]}, of another config, and would be "
