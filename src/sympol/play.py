@@ -93,7 +93,7 @@ def _play(act: Act, spec: EnvSpec, seeds: Sequence[int]) -> Episodes:
     limit = spec.max_episode_steps or MAX_EPISODE_STEPS
     running, seen = list(range(len(envs))), []
     while running:
-        x = np.stack([spec.features.flatten(observations[i]) for i in running])
+        x = spec.features.flatten_each([observations[i] for i in running])
         seen.append(x)
         still = []
         for i, action in zip(running, act(x), strict=True):

@@ -46,6 +46,22 @@ each_space = pytest.mark.parametrize("space", SPACES, ids=str)
 
 
 @each_space
+def test_many_at_once_are_each(space: Any) -> None:
+    features = Features.of(space)
+    space.seed(1)
+    samples = [space.sample() for _ in range(7)]
+    np.testing.assert_array_equal(
+        features.flatten_each(samples), [features.flatten(sample) for sample in samples]
+    )
+
+
+def test_one_bad_observation_among_many_is_named() -> None:
+    features = Features.of(Box(-1, 1, (3,)))
+    with pytest.raises(ValueError, match="observation"):
+        features.flatten_each([np.zeros(3), np.zeros(2)])
+
+
+@each_space
 def test_flatten_is_gymnasiums(space: Any) -> None:
     features = Features.of(space)
     space.seed(0)

@@ -96,6 +96,14 @@ class Features:
         require_one_hot(self.groups, flat.reshape(-1, len(self.names)))
         return flat
 
+    def flatten_each(self, observations: Sequence[Any]) -> NDArray[np.float32]:
+        """Turn a list of single observations into features ``[len(observations), F]``."""
+        if isinstance(self.space, Box):
+            shapes = {np.shape(observation) for observation in observations}
+            if shapes == {self.space.shape}:  # at once: a call for each would cost more than a policy does
+                return self.flatten(np.stack(observations))
+        return np.stack([self.flatten(observation) for observation in observations])
+
 
 def check_names(names: Sequence[str] | None, default: Sequence[str], what: str) -> tuple[str, ...]:
     """Return the user's names after checking that there is one, and a different one, for each default."""
