@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .agents import A2C, PPO, load
     from .envs.registry import register, resolve
     from .evaluate import evaluate_policy, watch
+    from .teachers import distill_policy
     from .trees import DecisionTree
 
 _HOMES = {
@@ -29,12 +30,23 @@ _HOMES = {
     "load": "agents",
     "register": "envs.registry",
     "resolve": "envs.registry",
+    "distill_policy": "teachers",
     "evaluate_policy": "evaluate",
     "watch": "evaluate",
     "DecisionTree": "trees",
 }
 
-__all__ = ["A2C", "PPO", "DecisionTree", "evaluate_policy", "load", "register", "resolve", "watch"]
+__all__ = [
+    "A2C",
+    "PPO",
+    "DecisionTree",
+    "distill_policy",
+    "evaluate_policy",
+    "load",
+    "register",
+    "resolve",
+    "watch",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -221,7 +221,7 @@ class Agent(abc.ABC):
 
     def _trained(self) -> TrainState:
         if self.state is None:
-            raise RuntimeError("there is no tree yet: call learn() first")
+            raise RuntimeError("there is no policy yet: call learn() first")
         return self.state
 
     def tree(self, *, prune: bool = True) -> DecisionTree:
@@ -237,7 +237,7 @@ class Agent(abc.ABC):
         self._trained()
         if not self.has_tree:
             raise RuntimeError(
-                f"{self.config.policy} is no tree; make one of it with `sympol distill` or sympol.distill"
+                f"{self.config.policy} is no tree; make one of it with `sympol distill` or sympol.distill_policy"
             )
         now = self.num_timesteps
         if (now, False) not in self._trees:
@@ -310,6 +310,7 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
         RunError: no run there, made by another version, or all its checkpoints are damaged.
     """
     run = Run.open(Path(path))
+    run.require_training()
     agent = agent_of(run.resolve_env(env), run.config, run.seed)
     agent.preset = run.about["preset"]
     trainer = make_trainer(agent.spec, agent.config, agent.seed)

@@ -1,4 +1,4 @@
-"""``sympol``: train, show, eval, watch, export, resume, bench.
+"""``sympol``: train, show, eval, watch, export, resume, distill, bench, tune.
 
 The commands are thin: each parses its arguments, calls the verbs, and prints.
 """
@@ -18,7 +18,9 @@ sympol: reinforcement learning whose policy is a decision tree you can read
   sympol watch RUN             a film of an episode, beside it the tree with the way taken lit
   sympol export RUN            the tree as a program: python, json, text, svg, pdf, png
   sympol resume RUN            go on with an interrupted training
+  sympol distill TEACHER       make a tree of an MLP, a soft tree, a stable-baselines3 model or any function
   sympol bench TABLE           run what a table of the paper lacks, and write it: control-ppo, minigrid, ...
+  sympol tune CartPole-v1      search hyperparameters; the best become a preset
 
 Each has --help. Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
 MountainCarContinuous-v0 and most of MiniGrid (MiniGrid-DoorKey-5x5-v0, ...) train inside one compiled

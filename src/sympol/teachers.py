@@ -1,7 +1,9 @@
-"""From agents to the teachers that trees are distilled from, and from a soft tree to its hard one."""
+"""Whatever knows what to do as a teacher, and the tree made of it; soft trees as their readers see them."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,12 +11,117 @@ from jaxtyping import Float32, Float64
 
 from .agents import Agent
 from .algos.bounds import kept_bounds
+from .distill import METHODS, distill
+from .distill.answers import check_spaces
 from .distill.discretize import discretize
+from .distill.picture import DEEPEST, plot_soft_tree
+from .distill.soft_text import soft_text
 from .distill.soft_view import SoftView
 from .distill.teacher import Teacher
+from .envs.registry import resolve
+from .envs.spec import EnvSpec
 from .policies.soft_tree import SoftTree
+from .runs.checkpoint import write_atomically
 from .trees import DecisionTree
 from .trees.actions import BoxActions, MultiDiscreteActions
+
+DISCRETIZE = "discretize"
+ALL_METHODS = (*METHODS, DISCRETIZE)
+DEPTH = 5
+"""Of a distilled tree, where nothing else is asked for."""
+
+
+def distill_policy(
+    teacher: Any,
+    method: str | None = None,
+    depth: int | None = None,
+    *,
+    env: Any = None,
+    seed: int = 0,
+    prune: bool = True,
+    **options: Any,
+) -> DecisionTree:
+    """Make a decision tree of a policy that is none, or a smaller one of a tree.
+
+    Args:
+        teacher: An agent, a `Teacher`, anything with stable-baselines3's ``predict``, or a function from one
+            observation, as the environment returns it, to an action. Its ``action_values`` or
+            ``action_probabilities``, if it has these, are asked in the same way.
+        method: ``"viper"``, ``"dagger"``, ``"sa-dt"``, or ``"discretize"`` for a soft decision tree. By default
+            `default_method`.
+        depth: Most comparisons before an answer, 5 by default; a soft tree that is discretized keeps its own.
+        env: Where the teacher acts: an id, a Gymnasium environment, or a function that makes one. Only agents and
+            a `Teacher` know by themselves.
+        seed: The same seed gives the same tree, bit for bit.
+        prune: Leave out what changes no action, as `Agent.tree` does.
+        options: The method's own, see `sympol.distill.distill`.
+
+    Raises:
+        ValueError: a method that does not fit the teacher, a teacher that does not fit the environment or answers
+            what is no action, or an option out of bounds.
+        TypeError: what is no teacher.
+        ImportError: scikit-learn is not installed.
+        RuntimeError: an agent that has learnt nothing yet.
+    """
+    asked = as_teacher(teacher, env)
+    method = default_method(teacher, asked) if method is None else method
+    if method == DISCRETIZE:
+        tree = _discretized(teacher, depth, options)
+    elif method not in ALL_METHODS:
+        raise ValueError(f"method must be one of {', '.join(ALL_METHODS)}, got {method!r}")
+    else:
+        tree = distill(asked, method, DEPTH if depth is None else depth, seed, **options)
+    return tree.prune(observations=asked.spec.all_observations()) if prune else tree
+
+
+def default_method(teacher: Any, asked: Teacher) -> str:
+    """What fits: discretize a soft tree, VIPER for whoever has action values, else DAgger."""
+    if isinstance(teacher, Agent) and has_soft_tree(teacher):
+        return DISCRETIZE
+    return "dagger" if asked.action_values is None else "viper"
+
+
+def _discretized(teacher: Any, depth: int | None, options: dict[str, Any]) -> DecisionTree:
+    if not isinstance(teacher, Agent):
+        raise ValueError(
+            f"discretize makes a soft decision tree hard and needs an agent of policy 'sdt', got {teacher!r}; use the "
+            "method viper, dagger or sa-dt"
+        )
+    if options:
+        raise ValueError(f"discretize has no options, got {', '.join(options)}: nothing is played or fitted")
+    if depth is not None and has_soft_tree(teacher) and depth != teacher.config.depth:
+        raise ValueError(
+            f"depth must be the soft tree's own {teacher.config.depth} or left out, got {depth}: discretize keeps its "
+            "nodes; for another depth use the method viper, dagger or sa-dt"
+        )
+    return discretize_agent(teacher, prune=False)
+
+
+def as_teacher(teacher: Any, env: Any = None) -> Teacher:
+    """Whatever `distill_policy` takes, as a `Teacher`; for its ``env`` the spaces must be those of the teacher.
+
+    Raises:
+        ValueError: the spaces do not fit, or there is no ``env`` where it is needed.
+        TypeError: what is no teacher.
+    """
+    spec = env if isinstance(env, EnvSpec) or env is None else resolve(env, backend="host")
+    if isinstance(teacher, Agent | Teacher):
+        own = teacher if isinstance(teacher, Teacher) else teacher_of(teacher)
+        if spec is None or spec is own.spec:
+            return own
+        check_spaces(spec, own.spec.observation_space, own.spec.action_space)
+        return Teacher(spec, own.act, own.action_values)
+    if not callable(teacher) and not callable(getattr(teacher, "predict", None)):
+        raise TypeError(
+            f"a teacher is an agent, a Teacher, a model with predict, or a function from an observation to an action, "
+            f"got {teacher!r}"
+        )
+    if spec is None:
+        raise ValueError("env must be given: only an agent knows by itself where it acts")
+    if callable(getattr(teacher, "predict", None)):
+        return Teacher.from_model(teacher, spec)
+    values, chances = (getattr(teacher, name, None) for name in ("action_values", "action_probabilities"))
+    return Teacher.from_callable(teacher, spec, values, action_probabilities=chances)
 
 
 def teacher_of(agent: Agent) -> Teacher:
@@ -93,3 +200,22 @@ def soft_view(agent: Agent) -> SoftView:
         agent.actions,
         agent.spec.features.names,
     )
+
+
+def keep_soft_tree(agent: Agent, folder: Path, seen: np.ndarray | None) -> dict[str, Any]:
+    """Write the soft tree into its run as text and as a picture; return what is to be kept in the summary.
+
+    ``seen`` are observations, if there are any, from which the leaves' shares are counted.
+    """
+    view = soft_view(agent)
+    view = view if seen is None else view.with_shares_of(seen)
+    write_atomically(folder / "tree.txt", (soft_text(view) + "\n").encode())
+    if agent.config.depth <= DEEPEST:
+        plot_soft_tree(view, folder / "tree.svg")
+    return {} if view.shares is None else {"leaf_shares": [round(float(share), 6) for share in view.shares]}
+
+
+def kept_soft_view(agent: Agent, summary: dict[str, Any] | None) -> SoftView:
+    """The soft tree of a run, with the shares that its summary holds."""
+    shares = (summary or {}).get("leaf_shares")
+    return replace(soft_view(agent), shares=None if shares is None else np.asarray(shares, np.float64))

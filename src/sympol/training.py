@@ -10,6 +10,7 @@ import numpy as np
 from .agents import Agent, Callback, Report, load
 from .play import Episodes
 from .runs.folder import Run, versions
+from .teachers import has_soft_tree, keep_soft_tree
 
 
 def keep_in(run: Run) -> Callback:
@@ -60,6 +61,8 @@ def finish(
     if agent.has_tree:
         tree = agent.tree()
         run.save_tree(tree if tested is None else tree.with_visits(tested.observations))
+    elif has_soft_tree(agent):
+        summary |= keep_soft_tree(agent, run.path, None if tested is None else tested.observations)
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
 
 

@@ -15,6 +15,18 @@ def _bench(arguments: Sequence[str]) -> int:
     return bench(arguments)
 
 
+def _distill(arguments: Sequence[str]) -> int:
+    from .distill import distill
+
+    return distill(arguments)
+
+
+def _tune(arguments: Sequence[str]) -> int:
+    from .tune import tune
+
+    return tune(arguments)
+
+
 COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "train": train.train,
     "show": read.show,
@@ -22,5 +34,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "watch": watch.watch,
     "export": read.export,
     "resume": train.resume,
+    "distill": _distill,
     "bench": _bench,
+    "tune": _tune,
 }

@@ -20,7 +20,7 @@ from ..envs.spec import Backend
 
 Text = tyro.conf.Positional[str]
 Folder = tyro.conf.Positional[Path]
-Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export", "Watch", "Bench")
+Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export", "Watch", "Bench", "Tune", "Distill")
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Train:
     """Of everything random; the same seed on the same machine gives the same tree."""
 
     preset: str = DEFAULT
-    """Where the hyperparameters come from: default (ours) or paper."""
+    """Where the hyperparameters come from: default (ours), paper, or the path of a .toml file (sympol tune)."""
 
     run_dir: Path | None = None
     """The run's folder; by default the next free one under runs/."""
@@ -202,6 +202,102 @@ class Bench:
 
     render_only: bool = False
     """Write the tables from the records there are, and run nothing."""
+
+
+@dataclass
+class Distill:
+    """Make a tree of a policy that is none, keep it in a folder as a run is kept, and say what the two earn."""
+
+    teacher: Text
+    """A run's folder; the zip of a stable-baselines3 model; or module:function, from an observation to an action."""
+
+    method: Literal["viper", "dagger", "sa-dt", "discretize"] | None = None
+    """By default discretize for a soft tree, viper for a teacher whose actions have values, else dagger."""
+
+    depth: int | None = None
+    """Most comparisons before an answer: 5 by default; with discretize, the soft tree's own."""
+
+    env: str | None = None
+    """Gymnasium id of where the teacher acts; a run knows its own."""
+
+    env_kwargs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = ()
+    """What to make --env with."""
+
+    trust: bool = False
+    """Unpickle the zip: it may run any code that its author put there."""
+
+    seed: int = 0
+    """The same seed gives the same tree."""
+
+    episodes: int | None = None
+    """What is learnt from: of viper and dagger in each iteration (10), of sa-dt in all (25)."""
+
+    iterations: int | None = None
+    """Trees that viper and dagger fit, of which they return the best (20)."""
+
+    eval_episodes: int = 20
+    """Test episodes on Gymnasium, the same for the tree and its teacher."""
+
+    out: Path | None = None
+    """The tree's folder; by default RUN/distilled/METHOD-DEPTH, or runs/ENV-METHOD-DEPTH."""
+
+    overwrite: bool = False
+    """Replace the run that is there."""
+
+    json: bool = False
+    """One line of JSON."""
+
+
+@dataclass
+class Tune:
+    """Search hyperparameters for an environment and a policy: trials in the paper's grids, by validation returns.
+
+    Everything is kept in a study; what was interrupted goes on, and more --trials add to it. Hopeless trials are pruned.
+
+    The best as a preset: sympol tune CartPole-v1 --save-preset best.toml, then sympol train CartPole-v1 --preset best.toml
+    """
+
+    env: Text
+    """Gymnasium id, such as CartPole-v1."""
+
+    policy: Literal["tree", "mlp", "sdt"] = "tree"
+    """A decision tree, or a rival: a multilayer perceptron, a soft decision tree."""
+
+    algorithm: Literal["ppo", "a2c"] = "ppo"
+    """What trains it."""
+
+    trials: int = 60
+    """How many there are to be in the study, those of earlier calls included."""
+
+    total_timesteps: int = 1_000_000
+    """Environment steps of each training."""
+
+    seeds: int = 1
+    """Trainings of each trial; what counts is the mean of their validation returns."""
+
+    seed: int = 1000
+    """The first of these seeds, and that of the search itself; below 1000 are those that are reported."""
+
+    preset: str = DEFAULT
+    """What trials start from, in fields that are not searched: default, paper, or the path of a .toml file."""
+
+    storage: str | None = None
+    """A journal file, or postgresql://user@host/database; runs/tune/ENV-ALGORITHM-POLICY.journal by default."""
+
+    study: str | None = None
+    """What the study is called in the storage; ENV-ALGORITHM-POLICY by default."""
+
+    workers: int = 1
+    """Processes on this machine."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""
+
+    save_preset: Path | None = None
+    """Write the best trial as a preset: a .toml file, for sympol train ENV --preset FILE."""
+
+    env_kwargs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = ()
+    """What to make the environment with."""
 
 
 def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Given | None = None) -> Given:

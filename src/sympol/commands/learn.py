@@ -19,6 +19,7 @@ from ..envs.spec import EnvSpec
 from ..play import Episodes, play
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
+from ..teachers import has_soft_tree
 from ..training import finish, keep_in
 from .say import err, out, print_error, print_next, summary_words, warnings_in_one_line
 
@@ -69,8 +70,8 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
     if as_json:
         print(json.dumps(summary))
     else:
-        if agent.has_tree:
-            out.print(run.load_tree().to_text(), markup=False)
+        if agent.has_tree or has_soft_tree(agent):
+            out.print((run.path / "tree.txt").read_text(encoding="utf-8").rstrip("\n"), markup=False)
         out.print(summary_words(summary))
         print_next(run.path, has_tree=agent.has_tree)
     return 0

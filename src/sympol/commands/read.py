@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
 
 from rich.markup import escape
 
 from ..agents import Agent, load
+from ..distill.picture import plot_soft_tree
+from ..distill.soft_text import soft_text
+from ..distill.soft_view import SoftView
 from ..evaluate import evaluate_policy
 from ..runs.folder import Run, RunError
 from ..runs.progress import decimals
+from ..teachers import kept_soft_view
 from ..trees import DecisionTree
 from .arguments import Eval, Export, Show, parse
 from .say import err, one_line_errors, out, summary_words
+
+PICTURES = ("svg", "pdf", "png")
+Texts: TypeAlias = Mapping[str, Callable[[], str]]
+Draw: TypeAlias = Callable[[Path], object]
 
 
 def policy_of(run: Run) -> Agent | DecisionTree:
@@ -51,12 +61,13 @@ def show(arguments: Sequence[str]) -> int:
     """``sympol show``."""
     given = parse(Show, "show", arguments)
     run = Run.open(given.run)
-    tree, summary = run.load_tree(), run.load_summary()
+    summary = run.load_summary()
+    text = soft_text(_soft(run, summary)) if _is_soft(run) else run.load_tree().to_text()
     try:
         words = "" if summary is None else summary_words(summary)
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
-    out.print(tree.to_text(), markup=False)
+    out.print(text, markup=False)
     if words:
         out.print(words)
     return 0
@@ -67,9 +78,13 @@ def export(arguments: Sequence[str]) -> int:
     """``sympol export``."""
     given = parse(Export, "export", arguments)
     run = Run.open(given.run)
-    tree = run.load_tree()
-    texts = {"python": tree.to_python, "json": tree.to_json, "text": tree.to_text}
+    texts, draw = _soft_forms(run) if _is_soft(run) else _forms(run.load_tree())
     to_text = texts.get(given.to)
+    if to_text is None and given.to not in PICTURES:
+        raise RunError(
+            f"{run.path} holds a soft tree, which is written as {', '.join((*texts, *PICTURES))}, not {given.to}; make "
+            f"a hard one of it: sympol distill {run.path}"
+        )
     if to_text is not None and given.out is None:
         print(to_text())
         return 0
@@ -78,8 +93,31 @@ def export(arguments: Sequence[str]) -> int:
         if to_text is not None:
             path.write_text(to_text() + "\n", encoding="utf-8")
         else:
-            tree.plot(path.with_suffix(f".{given.to}"))
+            draw(path.with_suffix(f".{given.to}"))
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}; choose another --out") from error
     err.print(f"written to {path}", markup=False)
     return 0
+
+
+def _forms(tree: DecisionTree) -> tuple[Texts, Draw]:
+    return {"python": tree.to_python, "json": tree.to_json, "text": tree.to_text}, tree.plot
+
+
+def _is_soft(run: Run) -> bool:
+    return run.config.policy == "sdt" and not run.is_distilled
+
+
+def _soft(run: Run, summary: dict[str, Any] | None) -> SoftView:
+    agent = load(run.path)
+    if agent.state is None:
+        raise RunError(f"{run.path} has no soft tree yet; finish it: sympol resume {run.path}")
+    try:
+        return kept_soft_view(agent, summary)
+    except (TypeError, ValueError) as error:
+        raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
+
+
+def _soft_forms(run: Run) -> tuple[Texts, Draw]:
+    view = _soft(run, run.load_summary())
+    return {"text": lambda: soft_text(view)}, lambda path: plot_soft_tree(view, path)

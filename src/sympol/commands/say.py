@@ -68,10 +68,17 @@ def summary_words(summary: dict[str, Any]) -> str:
     lines = [""]
     if "return_mean" in summary:
         n = decimals(summary["return_mean"])
+        sampled = summary.get("sampled_return_mean")
         lines.append(
             f"return   [bold]{summary['return_mean']:,.{n}f}[/] ± {summary['return_std']:,.{n}f} over "
-            f"{summary['episodes']:,} test episodes on Gymnasium (sampling its actions: "
-            f"{summary['sampled_return_mean']:,.{n}f})"
+            f"{summary['episodes']:,} test episodes on Gymnasium"
+            + ("" if sampled is None else f" (sampling its actions: {sampled:,.{n}f})")
+        )
+    if "teacher_return_mean" in summary:
+        n = decimals(summary["teacher_return_mean"])
+        lines.append(
+            f"teacher  [bold]{summary['teacher_return_mean']:,.{n}f}[/] ± {summary['teacher_return_std']:,.{n}f} over "
+            f"the same episodes; there {_likeness_words(summary)}"
         )
     if "nodes" in summary:
         lines.append(
@@ -83,7 +90,17 @@ def summary_words(summary: dict[str, Any]) -> str:
             f"time     {summary['wall_seconds']:.1f} s in all: {summary['compile_seconds']:.1f} s compiling, "
             f"{summary['training_seconds']:.1f} s training at {summary['steps_per_second']:,} steps/s"
         )
+    if "distill_seconds" in summary:
+        lines.append(f"time     {summary['distill_seconds']:.1f} s")
     return "\n".join(lines)
+
+
+def _likeness_words(summary: dict[str, Any]) -> str:
+    if "agreement" in summary:
+        return f"the tree acts as it does in {summary['agreement']:.1%} of its observations".replace(
+            "%", " %"
+        )
+    return f"the tree's actions are {summary['action_difference']:.3g} from its own on average"
 
 
 def print_next(path: Path, *, has_tree: bool = True) -> None:
@@ -103,6 +120,9 @@ def print_next(path: Path, *, has_tree: bool = True) -> None:
             (str(path / "tree.svg"), "the picture"),
         ]
     else:
-        steps.append((f"{sympol} distill {run}", "a tree that does nearly the same"))
+        steps.append((f"{sympol} distill {run}", "a decision tree made of it"))
+        if (path / "tree.svg").exists():
+            show = (f"{sympol} show {run}", "this soft tree again")
+            steps = [show, *steps, (str(path / "tree.svg"), "its picture")]
     for command, what in steps:
         out.print(f"  {command:<55} {what}", style="dim", markup=False)

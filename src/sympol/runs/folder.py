@@ -8,6 +8,9 @@
 | `policy.json` | the tree (docs/tree-json.md) |
 | `policy.py`, `tree.txt`, `tree.svg` | the tree as a program, as text, as a picture |
 | `summary.json` | what it earns, how big it is, how long it took |
+
+A soft tree has only `tree.txt` and `tree.svg`. A tree that was distilled has no checkpoints and no metrics, and its
+config says of what it was made, and how: `[run.distilled]`.
 """
 
 from __future__ import annotations
@@ -47,11 +50,13 @@ _ABOUT = {
     "action_names": list,
     "env_kwargs": dict,
     "groups": list,
+    "distilled": dict,
 }
-_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": []}
+_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": [], "distilled": {}}
 """What runs may lack, and what it was when they were made."""
 _MADE = (
     "checkpoints",
+    "distilled",
     "tensorboard",
     "metrics.csv",
     "policy.json",
@@ -85,23 +90,15 @@ class Run:
         preset: str = "default",
         eval_episodes: int = 20,
         overwrite: bool = False,
+        distilled: Mapping[str, Any] | None = None,
     ) -> Run:
-        """Make the folder and write its config.
+        """Make the folder and write its config; of a tree that was ``distilled``, by what.
 
         Raises:
             RunError: it exists and is not to be overwritten, or is not a run, or cannot be written.
         """
         config_file = path / "config.toml"
-        if path.exists() and not path.is_dir():
-            raise RunError(f"{path} is a file; choose another --run-dir")
-        if path.is_dir() and any(path.iterdir()):
-            if not _is_run(config_file):
-                raise RunError(f"{path} exists and is not a sympol run; choose another --run-dir")
-            if not overwrite:
-                raise RunError(
-                    f"{path} already holds a run; continue it with `sympol resume {path}`, replace it with "
-                    "--overwrite, or choose another --run-dir"
-                )
+        require_free(path, overwrite=overwrite, distilled=bool(distilled))
         about = {
             "format": FORMAT,
             "sympol": __version__,
@@ -114,9 +111,10 @@ class Run:
             "action_names": list(spec.actions.names),
             "env_kwargs": dict(spec.env_kwargs),
             "groups": [_group_to_toml(group) for group in spec.features.groups],
+            "distilled": dict(distilled or {}),
         }
         written = {name: value for name, value in about.items() if value != _LATER.get(name)}
-        content = {"run": written, "config": config.to_dict(), "versions": versions()}
+        content = {"run": written, "config": {} if distilled else config.to_dict(), "versions": versions()}
         try:
             path.mkdir(parents=True, exist_ok=True)
             for name in _MADE:  # what others put beside them stays
@@ -127,7 +125,9 @@ class Run:
                     made.unlink(missing_ok=True)
             write_atomically(config_file, tomli_w.dumps(content).encode())
         except OSError as error:
-            raise RunError(f"cannot write {path}: {error.strerror}; choose another --run-dir") from error
+            raise RunError(
+                f"cannot write {path}: {error.strerror}; choose another {_flag(bool(distilled))}"
+            ) from error
         return cls(path, about, config)
 
     @classmethod
@@ -172,7 +172,22 @@ class Run:
     @property
     def has_tree(self) -> bool:
         """Whether its policy is a tree."""
-        return self.config.policy == "tree"
+        return self.is_distilled or self.config.policy == "tree"
+
+    @property
+    def is_distilled(self) -> bool:
+        """Whether its tree was made of a teacher, so that there is no training to go on with."""
+        return bool(self.about["distilled"])
+
+    def require_training(self) -> None:
+        """Raise RunError for a tree that was distilled."""
+        if self.is_distilled:
+            how = self.about["distilled"]
+            raise RunError(
+                f"{self.path} holds a tree distilled from {how.get('teacher')} by {how.get('method')}: there is no "
+                f"training to load or resume; read it with sympol show {self.path}, or in Python "
+                "sympol.DecisionTree.from_json of its policy.json"
+            )
 
     def resolve_env(self, env: Any = None) -> EnvSpec:
         """The environment the run was made on, or ``env`` in its place, under the names of the run.
@@ -248,7 +263,8 @@ class Run:
             return DecisionTree.from_json(file.read_text(encoding="utf-8"))
         except FileNotFoundError as error:
             raise RunError(
-                f"{self.path} has no policy.json yet; finish it: sympol resume {self.path}"
+                f"{self.path} has no policy.json yet; "
+                + ("distill it again" if self.is_distilled else f"finish it: sympol resume {self.path}")
             ) from error
         except (OSError, ValueError) as error:
             raise RunError(f"{file} cannot be read: {error}") from error
@@ -276,6 +292,25 @@ class Run:
 
     def _write(self, name: str, text: str) -> None:
         write_atomically(self.path / name, text.encode())
+
+
+def require_free(path: Path, *, overwrite: bool, distilled: bool = False) -> None:
+    """Raise RunError where no run can be made: a file, something else's folder, or a run not to be replaced."""
+    flag = _flag(distilled)
+    if path.exists() and not path.is_dir():
+        raise RunError(f"{path} is a file; choose another {flag}")
+    if path.is_dir() and any(path.iterdir()):
+        if not _is_run(path / "config.toml"):
+            raise RunError(f"{path} exists and is not a sympol run; choose another {flag}")
+        if not overwrite:
+            go_on = "" if distilled else f"continue it with `sympol resume {path}`, "
+            raise RunError(
+                f"{path} already holds a run; {go_on}replace it with --overwrite, or choose another {flag}"
+            )
+
+
+def _flag(distilled: bool) -> str:
+    return "--out" if distilled else "--run-dir"
 
 
 def _group_to_toml(group: Group) -> dict[str, Any]:
