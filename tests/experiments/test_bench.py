@@ -13,7 +13,7 @@ import pytest
 
 import sympol
 from sympol.experiments import making
-from sympol.experiments.bench import Busy, only_one, run, waves
+from sympol.experiments.bench import CHANGED, Busy, Work, only_one, run, waves
 from sympol.experiments.making import EPISODES
 from sympol.experiments.recipes import Settings, distilling
 from sympol.experiments.record import Cell, RecordError, load
@@ -235,3 +235,15 @@ def test_a_folder_of_another_config_is_begun_anew(root):
     shutil.rmtree(root / "results")
     assert bench(root, "mlp")["mlp"].returns == before.returns
     assert "vf_coef = 0.5" in (folder / "config.toml").read_text()
+
+
+def test_what_was_made_of_another_config_than_planned_is_no_record(root):
+    shutil.rmtree(root / "results")
+    work = Work(root, plans(root, ("mlp",)), lambda record, path: None)
+    for plan in work.plans:
+        for unit in plan.units:
+            result = unit.result()
+            assert result is not None
+            work.keep(unit, {**result, "config": {**result["config"], "episodes": 4}})
+    assert [failure.reason for failure in work.failures] == [CHANGED, CHANGED]
+    assert records(root) == {}

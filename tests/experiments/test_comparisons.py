@@ -72,6 +72,11 @@ def test_the_best_and_those_that_do_not_differ():
     assert best_and_not_different({"alone": [1.0, 2.0]})["alone"] == (None, 0)
 
 
+@pytest.mark.parametrize("test", [welch, permutation])
+def test_a_single_training_differs_from_nothing(test):
+    assert test([1.0], [2.0]) == test([1.0], [2.0, 3.0]) == test([1.0, 2.0], [3.0]) == 1.0
+
+
 def test_five_against_five_by_permutation_can_differ_from_six_at_most():
     """2 / 252 seven times is above 0.05: with more rivals the exact test can say nothing."""
     values = {name: np.full(5, -float(name)) for name in range(8)}

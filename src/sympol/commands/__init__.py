@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from . import read, train, watch
+from .say import one_line_errors
 
 
+@one_line_errors()
 def _bench(arguments: Sequence[str]) -> int:
-    from .bench import (
-        bench,
-    )  # scipy and scikit-learn take a second to import, which no other command should wait
+    # scipy and scikit-learn take a second to import, which no other command should wait
+    from .bench import bench
 
     return bench(arguments)
 

@@ -16,11 +16,13 @@ from typing import Any
 
 from ..runs.folder import RunError
 from .plan import CellPlan
+from .recipes import same_config
 from .record import Cell, Record
 from .units import Result, Unit, jobs_of, task_of
 from .workers import Failure, Task, TasksFailed, run_tasks
 
 LOCK = ".bench.lock"
+CHANGED = "its config is another than at the start: presets or sources changed meanwhile; run the bench again"
 
 
 class Busy(RunError):
@@ -35,6 +37,8 @@ class Work:
     plans: Sequence[CellPlan]
     on_record: Callable[[Record, Path], None]
     results: dict[Cell, dict[int, Result]] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+    """What was done, but not as planned."""
 
     def keep(self, unit: Unit, result: Result) -> None:
         """Take a unit's result; write its cell's record if it was the last.
@@ -42,11 +46,15 @@ class Work:
         A teacher that was trained for its trees alone is no part of a record.
         """
         for plan in self.plans:
-            if unit in plan.units:
+            if unit not in plan.units:
+                continue
+            if same_config(result["config"], plan.config):
                 done = self.results.setdefault(unit.cell, {})
                 done[unit.seed] = result
                 if all(unit.seed in done for unit in plan.units):
                     self.write(plan)
+            else:
+                self.failures.append(Failure(task_of([unit]), CHANGED, ""))
 
     def has(self, job: Sequence[Unit]) -> bool:
         """Whether a job's results are in its folders already; takes them if so."""
@@ -104,7 +112,7 @@ def run(
                 failures += failed.failures
         for plan in plans:
             work.write(plan)  # of a cell of which some failed
-    return failures
+    return [*failures, *work.failures]
 
 
 def waves(jobs: Sequence[list[Unit]], workers: int = 1) -> list[list[list[Unit]]]:

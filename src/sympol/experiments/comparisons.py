@@ -64,9 +64,12 @@ def paired(a: ArrayLike, b: ArrayLike) -> float:
 def permutation(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> float:
     """Two-sided p of the permutation test for the difference of means, over trainings.
 
-    Exact up to 9999 permutations, drawn beyond. Five against five can give no less than 2 / 252 = 0.008.
+    Exact up to 9999 permutations, drawn beyond. Five against five can give no less than 2 / 252 = 0.008. A single
+    training differs from nothing: p = 1.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
+    if min(len(a), len(b)) < 2:
+        return 1.0
 
     def difference(x: np.ndarray, y: np.ndarray, axis: int) -> np.ndarray:
         return x.mean(axis=axis) - y.mean(axis=axis)

@@ -53,6 +53,8 @@ _LOOKS = {
     "sa-dt-8": Look("#CC79A7", _DASHES[3], "d"),
     "viper-5": Look("#56B4E9", _DASHES[1], "P"),
     "viper-8": Look("#56B4E9", _DASHES[2], "X"),
+    "dagger-5": Look("#56B4E9", _DASHES[3], "*"),
+    "dagger-8": Look("#56B4E9", _DASHES[0], "h"),
 }
 _OTHERS = ("#000000", "#999999", "#B8A800")
 

@@ -45,6 +45,8 @@ METHODS: Mapping[str, Method] = {
     "sa-dt-8": Method("SA-DT (d=8)", "mlp", "mlp", depth=8),
     "viper-5": Method("VIPER (d=5)", "mlp", "mlp", depth=5, discrete_only=True),
     "viper-8": Method("VIPER (d=8)", "mlp", "mlp", depth=8, discrete_only=True),
+    "dagger-5": Method("DAgger (d=5)", "mlp", "mlp", depth=5),
+    "dagger-8": Method("DAgger (d=8)", "mlp", "mlp", depth=8),
     "mlp": Method("MLP", "mlp", is_tree=False),
     "sdt": Method("SDT", "sdt", is_tree=False),
     "tree-paper": Method("SYMPOL, paper's settings", "tree", preset="paper"),

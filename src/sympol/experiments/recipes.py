@@ -36,11 +36,6 @@ class Settings(NamedTuple):
     """Of each purpose, for each training."""
 
 
-_MORE: dict[str, Method] = {
-    "dagger-5": Method("DAgger (d=5)", "mlp", "mlp", depth=5),
-    "dagger-8": Method("DAgger (d=8)", "mlp", "mlp", depth=8),
-}
-"""In no table of the paper, but to be asked for."""
 _OWN: dict[str, str] = {}
 """Where the function of each registered method is."""
 
@@ -57,7 +52,7 @@ def register_method(slug: str, make: Make | str) -> None:
     """
     where = make if isinstance(make, str) else f"{make.__module__}:{make.__qualname__}"
     find(where)
-    if slug in METHODS or slug in _MORE:
+    if slug in METHODS:
         raise ValueError(f"{slug} is a method of the tables already; call yours something else")
     if not slug or slug.strip("abcdefghijklmnopqrstuvwxyz0123456789._+-") or not slug[0].isalnum():
         raise ValueError(f"a method's name must be of small letters, digits and '._+-', got {slug!r}")
@@ -73,10 +68,10 @@ def method_of(slug: str) -> Method:
     """What is known of a method. Raises ValueError for an unknown one, naming all."""
     if slug in _OWN:
         return Method(slug, "mlp", is_tree=False)
-    found = METHODS.get(slug) or _MORE.get(slug)
+    found = METHODS.get(slug)
     if found is None:
         raise ValueError(
-            f"unknown method {slug!r}; there are {', '.join([*METHODS, *_MORE, *_OWN])}; one of your own is given "
+            f"unknown method {slug!r}; there are {', '.join([*METHODS, *_OWN])}; one of your own is given "
             "as NAME=MODULE:FUNCTION"
         )
     return found
