@@ -54,7 +54,8 @@ def plot_beside(
     layout, boxes, skeleton = _arranged(view, path, digits)
     hard, hard_boxes = arrange(tree, digits)
     parts = [("Soft decision tree", skeleton, layout, boxes), ("Hard decision tree", tree, hard, hard_boxes)]
-    return _on_one_page(parts, _reading(view, layout.extent[0] + hard.extent[0] + _GAP), path)
+    more = "The hard tree compares features as they are; each observation takes one way, and percentages count visits."
+    return _on_one_page(parts, _reading(view, layout.extent[0] + hard.extent[0] + _GAP, more), path)
 
 
 def _arranged(
@@ -80,12 +81,12 @@ def _arranged(
         return *lay_out(skeleton, boxes_when), skeleton
 
 
-def _reading(view: SoftView, width: float) -> list[str]:
+def _reading(view: SoftView, width: float, more: str = "") -> list[str]:
     lines = legend(view)
     lines.insert(1, "Bars: the weights of a node's features, which sum to one; Σ is their weighted sum.")
     if view.shares is not None:
         lines.append("Ø and the lines' thickness: the mean weight over test episodes.")
-    return textwrap.wrap(" ".join(lines), int(width * _PER_INCH))
+    return textwrap.wrap(" ".join([*lines, more]), int(width * _PER_INCH))
 
 
 def _on_one_page(
