@@ -1,6 +1,6 @@
-"""PPO with an MLP by stable-baselines3 and by rejax, on CartPole-v1: run by benchmarks.training, one process each.
+"""PPO with an MLP by stable-baselines3 and by rejax: run by benchmarks.training and benchmarks.sb3, a process each.
 
-    python benchmarks/rivals.py sb3|rejax STEPS
+    python benchmarks/rivals.py sb3|rejax STEPS [ENV SEED]
 
 It needs a virtual environment of its own with `stable-baselines3` and `rejax`: their pins would hold back ours. Prints
 one line of JSON. Imports stand inside the functions because their seconds belong to the measurement.
@@ -11,19 +11,46 @@ from __future__ import annotations
 import json
 import sys
 import time
+from typing import Any
+
+ZOO: dict[str, dict[str, Any]] = {
+    "Acrobot-v1": {"n_envs": 16, "normalize": True, "n_steps": 256, "gae_lambda": 0.94, "n_epochs": 4},
+    "Pendulum-v1": {
+        "n_envs": 4,
+        "n_steps": 1024,
+        "gae_lambda": 0.95,
+        "gamma": 0.9,
+        "n_epochs": 10,
+        "learning_rate": 1e-3,
+        "clip_range": 0.2,
+        "use_sde": True,
+        "sde_sample_freq": 4,
+    },
+}
+"""The tuned settings that rl-baselines3-zoo has for these."""
 
 
-def sb3(steps: int) -> dict[str, float]:
-    """stable-baselines3 with its defaults and eight environments, on the CPU."""
+def sb3(steps: int, env: str = "CartPole-v1", seed: int = 0) -> dict[str, float]:
+    """stable-baselines3 on the CPU; on CartPole its defaults with eight environments, else the zoo's settings."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.vec_env import VecNormalize
 
-    agent = PPO("MlpPolicy", make_vec_env("CartPole-v1", n_envs=8, seed=0), seed=0, device="cpu")
+    settings = dict(ZOO.get(env, {"n_envs": 8}))
+    envs = make_vec_env(env, n_envs=settings.pop("n_envs"), seed=1_000_000 * (seed + 1))
+    normalize = settings.pop("normalize", False)
+    envs = VecNormalize(envs) if normalize else envs
+    agent = PPO("MlpPolicy", envs, seed=seed, device="cpu", **settings)
     began = time.perf_counter()
     agent.learn(steps)
     seconds = time.perf_counter() - began
-    mean, _ = evaluate_policy(agent, make_vec_env("CartPole-v1", seed=99), n_eval_episodes=20)
+    tests = make_vec_env(env, seed=99 + seed)
+    if normalize:
+        assert isinstance(envs, VecNormalize)
+        tests = VecNormalize(tests, training=False, norm_reward=False)
+        tests.obs_rms = envs.obs_rms
+    mean, _ = evaluate_policy(agent, tests, n_eval_episodes=100)
     return {"training_seconds": seconds, "steps": steps, "return_mean": float(mean)}
 
 
@@ -57,5 +84,6 @@ def rejax(steps: int) -> dict[str, float]:
 
 if __name__ == "__main__":
     START = time.perf_counter()
-    result = {"sb3": sb3, "rejax": rejax}[sys.argv[1]](int(sys.argv[2]))
+    name, budget, *of_what = sys.argv[1:]
+    result = rejax(int(budget)) if name == "rejax" else sb3(int(budget), *of_what[:1], *map(int, of_what[1:]))
     print(json.dumps({**result, "wall_seconds": time.perf_counter() - START}))
