@@ -222,8 +222,7 @@ def test_a_rollout_is_one_batch_and_one_step_whatever_its_length(policy, distrib
     assert batch.x.shape == (num_chunks * STEPS * ENVS, FEATURES)
     (_, aux), gradient = loss_and_gradient(state.networks, distribution, hyper, jnp.float32(ENT_COEF), batch)
     np.testing.assert_allclose(np.array(after.losses), np.array(aux), rtol=1e-4, atol=1e-5)
-    norms = [norm(part) for part in gradient]
-    assert min(norms) > 0.1  # the clip, of the mean gradient and not of its parts, has something to do
+    assert max(map(norm, gradient)) > 0.1  # so that it matters what is clipped: their mean, not the parts
     networks, opt_state = step(state.networks, gradient, state.opt_state, hyper, jnp.float32(1))
     jax.tree.map(
         lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), after.opt_state, opt_state
