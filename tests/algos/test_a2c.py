@@ -34,7 +34,7 @@ step = jax.jit(apply_gradients)
 
 def config(policy: str, **changes: Any) -> Config:
     values = {"critic_hidden": (5,), "ent_coef": ENT_COEF, "vf_coef": 0.7, "log_std_init": -0.3}
-    return Config(algorithm="a2c", policy=policy, **{**OWN[policy], **values, **changes})  # type: ignore[arg-type]
+    return Config(algorithm="a2c", policy=policy, **{**OWN[policy], **values, **changes})
 
 
 def widened(networks: Any, seed: int = 0) -> Any:
