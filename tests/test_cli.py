@@ -206,6 +206,7 @@ def test_help_shows_the_environment_s_own_preset(capsys):
 def test_every_field_is_a_flag(tmp_path, monkeypatch, algorithm, policy):
     """Each is set to something new; the last check stops the command before it trains."""
     given: dict[str, object] = {"surrogate": "softsign", "critic": policy, "depth": 4, "growth": 16}
+    given |= {"num_envs": 6, "num_devices": 3}
     given |= {"critic_hidden": (7, 9), "actor_hidden": (5, 3), "algorithm": algorithm, "policy": policy}
     new, words = {}, []
     for field in dataclasses.fields(Config):
