@@ -21,6 +21,7 @@ from ..experiments.seeds import TRAINING
 from ..experiments.summary import by_cell
 from ..experiments.tables import Table
 from ..experiments.workers import Failure
+from ..experiments.workers.threads import use_one_thread
 from .arguments import Bench, parse
 from .say import err, one_line_errors, out, print_error
 
@@ -32,6 +33,7 @@ WIDTH = 200
 def bench(arguments: Sequence[str]) -> int:
     """``sympol bench``."""
     given = parse(Bench, "bench", arguments)
+    use_one_thread()
     whole, tables = _tables(given)
     if given.list:
         return _list(_plans(given, tables))
