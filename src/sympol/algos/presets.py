@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
+from collections.abc import Mapping
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from .config import ConfigError
@@ -23,7 +26,15 @@ def presets_of(env_name: str, policy: str = "tree", algorithm: str = "ppo") -> d
 def preset(
     env_name: str, name: str = DEFAULT, *, policy: str = "tree", algorithm: str = "ppo"
 ) -> dict[str, Any]:
-    """The fields that a preset sets. An environment without a default has that of any environment."""
+    """The fields that a preset sets. An environment without a default has that of any environment.
+
+    A name that ends in .toml or has a slash is the path of a file that holds the preset (`sympol tune`).
+
+    Raises:
+        ConfigError: there is no such preset.
+    """
+    if is_path(name):
+        return _of_file(Path(name), policy, algorithm)
     presets = presets_of(env_name, policy, algorithm)
     if name == DEFAULT:
         presets = {**presets_of(ANY, policy, algorithm), **presets}
@@ -33,3 +44,41 @@ def preset(
         names = ", ".join(presets) or "none but the config's own defaults"
         raise ConfigError(f"{env_name} has no preset {name!r} for {algorithm} with {policy}; it has {names}")
     return {key: value for key, value in presets[name].items() if key != "source"}
+
+
+def is_path(name: str) -> bool:
+    """Whether a preset is a file of the user's."""
+    return name.endswith(".toml") or "/" in name or os.sep in name
+
+
+def _of_file(path: Path, policy: str, algorithm: str) -> dict[str, Any]:
+    """The preset that a file has for a policy and an algorithm; nothing in it is ever run as code."""
+    try:
+        content: Any = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(
+            f"cannot read the preset {path}: {error.strerror or error}; give the path of a .toml file, as sympol tune "
+            "ENV --save-preset FILE writes it"
+        ) from None
+    except ValueError as error:  # not UTF-8, or not TOML
+        raise ConfigError(f"the preset {path} is not TOML: {error}") from None
+    names = {
+        f"{a}.{p}.{n}" for a, of in _tables(content) for p, named in _tables(of) for n, _ in _tables(named)
+    }
+    wanted = f"{algorithm}.{policy}.{DEFAULT}"
+    if wanted not in names:
+        there = ", ".join(f"[{name}]" for name in sorted(names)) or "none such"
+        raise ConfigError(
+            f"the preset {path} has no section [{wanted}]; it has {there}; say --policy and --algorithm to match"
+        )
+    fields = {key: value for key, value in content[algorithm][policy][DEFAULT].items() if key != "source"}
+    for name, value in {"algorithm": algorithm, "policy": policy}.items():
+        if fields.pop(name, value) != value:
+            raise ConfigError(f"the preset {path} has another {name} in its section [{wanted}]; leave it out")
+    return fields
+
+
+def _tables(content: Any) -> list[tuple[str, Any]]:
+    return (
+        [(k, v) for k, v in content.items() if isinstance(v, Mapping)] if isinstance(content, Mapping) else []
+    )

@@ -252,9 +252,11 @@ class Distill:
 class Tune:
     """Search hyperparameters for an environment and a policy: trials in the paper's grids, by validation returns.
 
-    Everything is kept in a study; what was interrupted goes on, and more --trials add to it. Hopeless trials are pruned.
+    All is kept in a study; what was interrupted goes on, and more --trials add to it. Hopeless trials are pruned.
 
-    The best as a preset: sympol tune CartPole-v1 --save-preset best.toml, then sympol train CartPole-v1 --preset best.toml
+    The best as a preset: sympol tune CartPole-v1 --save-preset best.toml
+
+    Training with it: sympol train CartPole-v1 --preset best.toml
     """
 
     env: Text
