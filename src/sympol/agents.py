@@ -55,7 +55,7 @@ class Agent(abc.ABC):
         env: An id (``"CartPole-v1"``), a Gymnasium environment, a function that makes one, or an environment
             written in JAX (`sympol.envs.env`).
         seed: Of everything random. The same seed on the same machine gives the same policy, bit for bit.
-        preset: ``"default"`` or ``"paper"``: the hyperparameters to start from.
+        preset: ``"default"``, ``"paper"`` or a TOML file: the hyperparameters to start from.
         env_kwargs: What to make the environment with, where it is an id or a function.
         feature_names: Names for the features, where the environment's own should not do.
         action_names: Names for the actions, idem.

@@ -61,7 +61,7 @@ def test_a_method_of_ones_own_stands_in_the_table(tmp_path, capsys):
     assert found["leftwards"].nodes is None
     told = tmp_path / "runs/bench/CartPole-v1/ppo-leftwards/seed-1/told.txt"
     assert told.read_text() == "CartPole-v1 1 2048"
-    table = (tmp_path / "docs/tables/control-ppo.md").read_text()
+    table = (tmp_path / "results/tables/control-ppo.md").read_text()
     assert "| by-hand | " in table
     assert "Acrobot-v1" in table  # the whole table, with what is not run
     assert "38 of its 40 cells are not run; to run them: sympol bench control-ppo --trainings 2" in said.err
@@ -84,7 +84,7 @@ def test_an_environment_of_ones_own_stands_in_the_table(tmp_path, capsys):
     mine = "tests.runs.host_envs:HostCartPole-v0"
     assert status_of("bench", *words(tmp_path, f"by-hand={HERE}:by_hand", environments=(mine,))) == 0
     assert records(tmp_path)["by-hand"].environment == mine
-    assert mine in (tmp_path / "docs/tables/control-ppo.csv").read_text()
+    assert mine in (tmp_path / "results/tables/control-ppo.csv").read_text()
 
 
 def test_what_fails_is_named_and_the_rest_is_kept(tmp_path, capsys):
@@ -125,7 +125,7 @@ def test_list_says_what_there_is_to_do_and_does_nothing(tmp_path, capsys):
 def test_tables_are_written_without_running_anything(tmp_path, capsys):
     assert status_of("bench", "tree-size", "--render-only", "--root", tmp_path) == 0
     assert "20 of its 20 cells are not run" in capsys.readouterr().err
-    assert (tmp_path / "docs/tables/tree-size.tex").is_file()
+    assert (tmp_path / "results/tables/tree-size.tex").is_file()
 
 
 @pytest.mark.parametrize(

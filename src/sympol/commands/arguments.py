@@ -186,13 +186,13 @@ class Bench:
     """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""
 
     root: Path = Path()
-    """Where results/cells, runs/bench and docs/tables are."""
+    """Where results/cells, results/tables, runs/bench and docs are."""
 
     runs: Path | None = None
     """Where run folders are kept; ROOT/runs/bench by default."""
 
     out: Path | None = None
-    """Where tables are written; ROOT/docs/tables by default."""
+    """Where tables are written; ROOT/results/tables by default."""
 
     imports: tuple[str, ...] = ()
     """Modules that register environments or methods of your own; workers import them, too."""

@@ -119,7 +119,7 @@ def _say_record(record: Record, path: Path) -> None:
 def _write(given: Bench, whole: Sequence[Table], parts: Sequence[Table]) -> None:
     records = load_all(given.root)
     found = by_cell(records)
-    folder = given.out or given.root / "docs" / "tables"
+    folder = given.out or given.root / "results" / "tables"
     wide = out if out.is_terminal else Console(width=WIDTH, highlight=False, emoji=False)
     for table, part in zip(whole, parts, strict=True):
         written = write(table, records, folder)
@@ -133,7 +133,7 @@ def _write(given: Bench, whole: Sequence[Table], parts: Sequence[Table]) -> None
                 f"{missing} of its {len(table.cells())} cells are not run; to run them: {words}", markup=False
             )
     if given.table == ALL:
-        page, *_ = write_docs(records, folder.parent, whole)
+        page, *_ = write_docs(records, given.root / "docs", whole)
         err.print(f"all on one page: {page}", markup=False)
 
 
