@@ -202,6 +202,13 @@ def test_help_shows_the_environment_s_own_preset(capsys):
                 assert f"(default: {value})" in said
 
 
+def test_what_fits_only_with_its_preset_is_taken():
+    """450 steps are less than one rollout by default, and a whole one of the paper's seven environments."""
+    given = parse_train(["CartPole-v1", "--total-timesteps", "450", "--preset", "paper"])
+    assert given.config.total_timesteps == 450
+    assert given.config.num_envs == 7
+
+
 @pytest.mark.parametrize(("algorithm", "policy"), [("ppo", "tree"), ("a2c", "sdt"), ("ppo", "mlp")])
 def test_every_field_is_a_flag(tmp_path, monkeypatch, algorithm, policy):
     """Each is set to something new; the last check stops the command before it trains."""

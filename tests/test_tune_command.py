@@ -14,7 +14,7 @@ import tomli_w
 import sympol
 from sympol.algos.config import ConfigError
 from sympol.algos.presets import preset
-from sympol.commands.arguments import parse_train
+from sympol.commands.parse import parse_train
 from sympol.experiments import study as module
 from sympol.experiments.study import open_study, search_of
 from sympol.experiments.tune_report import best_trials, save_preset

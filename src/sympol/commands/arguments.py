@@ -1,26 +1,19 @@
-"""What each command may be told, and how the words on its line become that."""
+"""What each command may be told."""
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
-import difflib
-import io
-import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal
 
 import tyro
 
 from ..algos.config import Config
-from ..algos.presets import DEFAULT, preset
+from ..algos.presets import DEFAULT
 from ..envs.spec import Backend
 
 Text = tyro.conf.Positional[str]
 Folder = tyro.conf.Positional[Path]
-Given = TypeVar("Given", "Train", "Resume", "Eval", "Show", "Export", "Watch", "Bench", "Tune", "Distill")
 
 
 @dataclass
@@ -300,64 +293,3 @@ class Tune:
 
     env_kwargs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = ()
     """What to make the environment with."""
-
-
-def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Given | None = None) -> Given:
-    """Arguments as ``kind``; what is wrong with them in one line."""
-    options: dict[str, Any] = {} if default is None else {"default": default}
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            parsed, unknown = tyro.cli(
-                kind,
-                args=list(arguments),
-                prog=f"sympol {command}",
-                config=(tyro.conf.OmitArgPrefixes,),
-                return_unknown_args=True,
-                **options,
-            )
-    except SystemExit as stop:
-        if stop.code in (0, None):
-            raise
-        raise ValueError(f"{_first_box(said.getvalue())} (see sympol {command} --help)") from None
-    if unknown:
-        kinds = (kind, Config) if kind is Train else (kind,)
-        flags = [f"--{f.name}".replace("_", "-") for k in kinds for f in dataclasses.fields(k)]
-        near = difflib.get_close_matches(unknown[0].replace("_", "-"), flags)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
-        raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
-    return parsed
-
-
-def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
-    """``NAME=VALUE`` as keyword arguments; a value is a number, true, false, a list, or else a word."""
-    kwargs: dict[str, Any] = {}
-    for argument in given:
-        name, equals, value = argument.partition("=")
-        if not equals or not name.isidentifier():
-            raise ValueError(
-                f"--env-kwargs must be of the form NAME=VALUE, as in view_size=5, got {argument!r}"
-            )
-        try:
-            kwargs[name] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            kwargs[name] = value
-    return kwargs
-
-
-def parse_train(arguments: Sequence[str]) -> Train:
-    """In two passes: the first finds environment and preset, from which the flags not given take their values."""
-    asks = {"-h", "--help"} & set(arguments)
-    first = Train("")
-    with contextlib.suppress(ValueError):  # the second pass says it
-        first = parse(Train, "train", [a for a in arguments if a not in asks], first)
-    which = {"algorithm": first.config.algorithm, "policy": first.config.policy}
-    values = preset(first.env, first.preset, **which)
-    return parse(Train, "train", arguments, Train("", config=Config.from_dict({**which, **values})))
-
-
-def _first_box(text: str) -> str:
-    """What tyro draws as a box, its first paragraph, as a line."""
-    lines = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
-    paragraph = lines[: next((i for i, line in enumerate(lines) if set(line) == {"─"}), len(lines))]
-    return " ".join(paragraph).rstrip(".") or " ".join(text.split())

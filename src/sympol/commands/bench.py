@@ -22,7 +22,8 @@ from ..experiments.summary import by_cell
 from ..experiments.tables import Table
 from ..experiments.workers import Failure
 from ..experiments.workers.threads import use_one_thread
-from .arguments import Bench, parse
+from .arguments import Bench
+from .parse import parse
 from .say import err, one_line_errors, out, print_error
 
 WIDTH = 200

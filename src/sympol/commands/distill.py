@@ -24,8 +24,9 @@ from ..runs.folder import Run, RunError, require_free, versions
 from ..teachers import ALL_METHODS, DEPTH, DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
-from .arguments import Distill, env_kwargs, parse
+from .arguments import Distill
 from .learn import EVAL_SEED
+from .parse import env_kwargs, parse
 from .say import err, one_line_errors, out, print_next, summary_words
 
 _IN_TURNS = {"episodes": "episodes_per_iteration", "iterations": "num_iterations"}

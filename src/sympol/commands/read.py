@@ -18,7 +18,8 @@ from ..runs.folder import Run, RunError
 from ..runs.progress import decimals
 from ..teachers import kept_soft_view
 from ..trees import DecisionTree
-from .arguments import Eval, Export, Show, parse
+from .arguments import Eval, Export, Show
+from .parse import parse
 from .say import err, one_line_errors, out, summary_words
 
 PICTURES = ("svg", "pdf", "png")

@@ -13,8 +13,9 @@ from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run, RunError
 from ..runs.metrics import TensorBoard
 from ..training import go_on
-from .arguments import Resume, Train, env_kwargs, parse, parse_train
+from .arguments import Resume, Train
 from .learn import learn
+from .parse import env_kwargs, parse, parse_train
 from .say import err, one_line_errors, print_warning
 
 

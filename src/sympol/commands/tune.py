@@ -26,7 +26,8 @@ from ..experiments.tune_report import (
 from ..experiments.workers import Failure
 from ..experiments.workers.threads import use_one_thread
 from ..runs.progress import decimals
-from .arguments import Tune, env_kwargs, parse
+from .arguments import Tune
+from .parse import env_kwargs, parse
 from .say import err, one_line_errors, out, print_error, warnings_in_one_line
 
 if TYPE_CHECKING:

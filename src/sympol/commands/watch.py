@@ -8,7 +8,8 @@ from rich.markup import escape
 
 from ..evaluate import watch as make_film
 from ..runs.folder import Run, RunError
-from .arguments import Watch, parse
+from .arguments import Watch
+from .parse import parse
 from .read import policy_of
 from .say import err, one_line_errors, out
 
