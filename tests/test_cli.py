@@ -17,6 +17,7 @@ import sympol
 from sympol.algos.config import Config
 from sympol.algos.rules import applies
 from sympol.commands import COMMANDS
+from sympol.commands.parse import parse_train
 from sympol.runs.folder import Run
 from sympol.runs.metrics import COLUMNS, TensorBoard
 from sympol.trees import DecisionTree
