@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 
 import pytest
 from distributed import Client
@@ -13,7 +12,6 @@ from sympol.experiments.workers import task as task_module
 from sympol.experiments.workers.task import fingerprint
 
 from .cluster import Cluster, kill
-from .postgres import free_port
 from .tasks import task
 from .test_workers import results
 
@@ -126,13 +124,11 @@ def test_a_scheduler_that_goes_away_is_told(tmp_path):
             run_tasks(tasks, scheduler=cluster.address, on_done=lambda *_: kill(cluster.scheduler))
 
 
-@pytest.mark.parametrize("address", [f"tcp://127.0.0.1:{free_port()}", "nonsense://there", "127.0.0.1:what"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://there", "127.0.0.1:what"])
 def test_no_scheduler_there(address, monkeypatch):
     monkeypatch.setattr(dask, "_PATIENCE", 1)
-    begun = time.monotonic()
     with pytest.raises(dask.SchedulerError, match=f"no Dask scheduler answers at '{address}' within 1 s"):
         results([task("a", "square", x=1)], scheduler=address)
-    assert time.monotonic() - begun < 5
 
 
 def test_without_the_extra(monkeypatch):
