@@ -13,7 +13,7 @@ from sympol.agents import Report
 from sympol.algos.config import ConfigError
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment
-from sympol.runs.folder import RunError
+from sympol.runs.about import RunError
 from sympol.runs.metrics import COLUMNS
 from sympol.trees import BoxActions, DiscreteActions, MultiDiscreteActions
 

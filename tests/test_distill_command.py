@@ -16,7 +16,8 @@ import pytest
 
 import sympol
 from sympol.distill import Teacher
-from sympol.runs.folder import Run, RunError
+from sympol.runs.about import RunError
+from sympol.runs.folder import Run
 from sympol.trees import DecisionTree
 
 from .tiny import TINY, Chain, flags, quick_compiles, read_summary, refused, status_of

@@ -313,7 +313,8 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
     run.require_training()
     agent = agent_of(run.resolve_env(env), run.config, run.seed)
     agent.preset = run.about["preset"]
-    trainer = make_trainer(agent.spec, agent.config, agent.seed)
+    here = replace(agent.config, num_devices=1)  # to read it, a machine need not have as many as trained it
+    trainer = make_trainer(agent.spec, here, agent.seed)
     try:
         agent.state = run.load_checkpoint(trainer.template())
     finally:

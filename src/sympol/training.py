@@ -9,7 +9,8 @@ import numpy as np
 
 from .agents import Agent, Callback, Report, load
 from .play import Episodes
-from .runs.folder import Run, versions
+from .runs.about import versions
+from .runs.folder import Run
 from .teachers import has_soft_tree, keep_soft_tree
 
 

@@ -14,7 +14,8 @@ import pytest
 
 import sympol
 from sympol.runs import checkpoint
-from sympol.runs.folder import Run, RunError
+from sympol.runs.about import RunError
+from sympol.runs.folder import Run
 from sympol.runs.metrics import COLUMNS, MetricsFile
 
 from ..tiny import TRAIN, agent, csv_without_time, quick_compiles, refused, status_of

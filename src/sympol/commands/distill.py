@@ -20,7 +20,8 @@ from ..distill import Iteration, Teacher, load_sb3
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..play import play
-from ..runs.folder import Run, RunError, require_free, versions
+from ..runs.about import RunError, versions
+from ..runs.folder import Run, require_free
 from ..teachers import ALL_METHODS, DEPTH, DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions

@@ -14,7 +14,8 @@ from ..distill.picture import plot_soft_tree
 from ..distill.soft_text import soft_text
 from ..distill.soft_view import SoftView
 from ..evaluate import evaluate_policy
-from ..runs.folder import Run, RunError
+from ..runs.about import RunError
+from ..runs.folder import Run
 from ..runs.progress import decimals
 from ..teachers import kept_soft_view
 from ..trees import DecisionTree

@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from ..envs.host import EnvironmentFailure
 from ..experiments.workers import TasksFailed
-from ..runs.folder import RunError
+from ..runs.about import RunError
 from ..runs.progress import decimals
 
 out = Console(soft_wrap=True, highlight=False, emoji=False)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from ..agents import Agent, agent_of
 from ..envs.registry import resolve
+from ..runs.about import RunError
 from ..runs.checkpoint import DamagedCheckpoint
-from ..runs.folder import Run, RunError
+from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
 from ..training import go_on
 from .arguments import Resume, Train

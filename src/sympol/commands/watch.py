@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from rich.markup import escape
 
 from ..evaluate import watch as make_film
-from ..runs.folder import Run, RunError
+from ..runs.about import RunError
+from ..runs.folder import Run
 from .arguments import Watch
 from .parse import parse
 from .read import policy_of

@@ -14,7 +14,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from ..runs.folder import RunError
+from ..runs.about import RunError
 from .plan import CellPlan
 from .recipes import same_config
 from .record import Cell, Record

@@ -11,8 +11,9 @@ from typing import Any
 from ..agents import Agent
 from ..distill import distill
 from ..play import Episodes, Purpose, play
+from ..runs.about import RunError, versions
 from ..runs.checkpoint import write_atomically
-from ..runs.folder import Run, RunError, versions
+from ..runs.folder import Run
 from ..teachers import discretize_agent, teacher_of
 from ..training import finish, go_on, has_run, keep_in, training_seconds
 from ..trees import DecisionTree

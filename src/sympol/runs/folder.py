@@ -17,43 +17,23 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 import shutil
-import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, replace
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from .. import __version__
-from ..algos.config import Config, ConfigError
+from ..algos.config import Config
 from ..algos.state import TrainState
 from ..envs import pool
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
-from ..trees import DecisionTree, Group
+from ..trees import DecisionTree
+from .about import CONFIG, RunError, describe, is_run, read, to_toml
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
 from .metrics import MetricsFile
 
-FORMAT = 1
-_ABOUT = {
-    "sympol": str,
-    "env": str,
-    "backend": str,
-    "seed": int,
-    "preset": str,
-    "eval_episodes": int,
-    "feature_names": list,
-    "action_names": list,
-    "env_kwargs": dict,
-    "groups": list,
-    "distilled": dict,
-}
-_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": [], "distilled": {}}
-"""What runs may lack, and what it was when they were made."""
 _MADE = (
     "checkpoints",
     "distilled",
@@ -66,10 +46,6 @@ _MADE = (
     "summary.json",
     "episode.gif",
 )
-
-
-class RunError(RuntimeError):
-    """A run's folder that cannot be made, read or continued; the message says what to do."""
 
 
 class Run:
@@ -97,24 +73,9 @@ class Run:
         Raises:
             RunError: it exists and is not to be overwritten, or is not a run, or cannot be written.
         """
-        config_file = path / "config.toml"
         require_free(path, overwrite=overwrite, distilled=bool(distilled))
-        about = {
-            "format": FORMAT,
-            "sympol": __version__,
-            "env": spec.name,
-            "backend": spec.backend,
-            "seed": seed,
-            "preset": preset,
-            "eval_episodes": eval_episodes,
-            "feature_names": list(spec.features.names),
-            "action_names": list(spec.actions.names),
-            "env_kwargs": dict(spec.env_kwargs),
-            "groups": [_group_to_toml(group) for group in spec.features.groups],
-            "distilled": dict(distilled or {}),
-        }
-        written = {name: value for name, value in about.items() if value != _LATER.get(name)}
-        content = {"run": written, "config": {} if distilled else config.to_dict(), "versions": versions()}
+        about = describe(spec, seed, preset, eval_episodes, distilled or {})
+        text = to_toml(about, {} if distilled else config.to_dict())
         try:
             path.mkdir(parents=True, exist_ok=True)
             for name in _MADE:  # what others put beside them stays
@@ -123,7 +84,7 @@ class Run:
                     shutil.rmtree(made)
                 else:
                     made.unlink(missing_ok=True)
-            write_atomically(config_file, tomli_w.dumps(content).encode())
+            write_atomically(path / CONFIG, text.encode())
         except OSError as error:
             raise RunError(
                 f"cannot write {path}: {error.strerror}; choose another {_flag(bool(distilled))}"
@@ -137,32 +98,7 @@ class Run:
         Raises:
             RunError: there is no run, or it has another format.
         """
-        try:
-            content = tomllib.loads((path / "config.toml").read_text(encoding="utf-8"))
-            about, config = content["run"], content["config"]
-        except (FileNotFoundError, NotADirectoryError) as error:
-            raise RunError(f"there is no run in {path}: it has no config.toml") from error
-        except KeyError as error:
-            raise RunError(f"{path / 'config.toml'} is not a run's: it lacks [{error.args[0]}]") from error
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise RunError(f"{path / 'config.toml'} cannot be read: {error}") from error
-        if not isinstance(about, dict) or not isinstance(config, dict):
-            raise RunError(f"{path / 'config.toml'} is not a run's: [run] and [config] must be tables")
-        if about.get("format") != FORMAT:
-            raise RunError(
-                f"{path} was made by sympol {about.get('sympol', '?')} in format {about.get('format')}; this is "
-                f"sympol {__version__}, which reads format {FORMAT}: install the version that made it"
-            )
-        for name, kind in _ABOUT.items():
-            value = about.setdefault(name, _LATER[name]) if name in _LATER else about.get(name)
-            parts = value if name.endswith("_names") and isinstance(value, list) else ["none"]
-            if type(value) is not kind or not all(isinstance(part, str) for part in parts):
-                raise RunError(f"{path / 'config.toml'}: {name} must be a {kind.__name__}, got {value!r}")
-        try:
-            about["groups"] = [Group(**group) for group in about["groups"]]
-            return cls(path, about, Config.from_dict(config))
-        except (ConfigError, TypeError, ValueError) as error:
-            raise RunError(f"{path / 'config.toml'}: {error}") from error
+        return cls(path, *read(path))
 
     @property
     def seed(self) -> int:
@@ -300,7 +236,7 @@ def require_free(path: Path, *, overwrite: bool, distilled: bool = False) -> Non
     if path.exists() and not path.is_dir():
         raise RunError(f"{path} is a file; choose another {flag}")
     if path.is_dir() and any(path.iterdir()):
-        if not _is_run(path / "config.toml"):
+        if not is_run(path / "config.toml"):
             raise RunError(f"{path} exists and is not a sympol run; choose another {flag}")
         if not overwrite:
             go_on = "" if distilled else f"continue it with `sympol resume {path}`, "
@@ -311,28 +247,3 @@ def require_free(path: Path, *, overwrite: bool, distilled: bool = False) -> Non
 
 def _flag(distilled: bool) -> str:
     return "--out" if distilled else "--run-dir"
-
-
-def _group_to_toml(group: Group) -> dict[str, Any]:
-    return {name: value for name, value in asdict(group).items() if value is not None}
-
-
-def _is_run(config_file: Path) -> bool:
-    """Whether this is the config of a run of ours, and not one of the many other files of that name."""
-    try:
-        about = tomllib.loads(config_file.read_text(encoding="utf-8")).get("run")
-    except (OSError, ValueError):
-        return False
-    return isinstance(about, dict) and {"format", "sympol"} <= about.keys()
-
-
-def versions() -> dict[str, str]:
-    """Of everything that a result may depend on."""
-    found = {"python": platform.python_version(), "sympol": __version__}
-    some = ("envpool",) if pool.is_installed() else ()
-    for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy", *some):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:  # pragma: no cover
-            found[package] = "?"
-    return found

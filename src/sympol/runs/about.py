@@ -1,0 +1,127 @@
+"""What a run is of, as its `config.toml` says it: written, and read with care."""
+
+from __future__ import annotations
+
+import platform
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from .. import __version__
+from ..algos.config import Config, ConfigError
+from ..envs import pool
+from ..envs.spec import EnvSpec
+from ..trees import Group
+
+CONFIG = "config.toml"
+FORMAT = 1
+_ABOUT = {
+    "sympol": str,
+    "env": str,
+    "backend": str,
+    "seed": int,
+    "preset": str,
+    "eval_episodes": int,
+    "feature_names": list,
+    "action_names": list,
+    "env_kwargs": dict,
+    "groups": list,
+    "distilled": dict,
+}
+_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": [], "distilled": {}}
+"""What runs may lack, and what it was when they were made."""
+
+
+class RunError(RuntimeError):
+    """A run's folder that cannot be made, read or continued; the message says what to do."""
+
+
+def describe(
+    spec: EnvSpec, seed: int, preset: str, eval_episodes: int, distilled: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The table ``[run]``."""
+    return {
+        "format": FORMAT,
+        "sympol": __version__,
+        "env": spec.name,
+        "backend": spec.backend,
+        "seed": seed,
+        "preset": preset,
+        "eval_episodes": eval_episodes,
+        "feature_names": list(spec.features.names),
+        "action_names": list(spec.actions.names),
+        "env_kwargs": dict(spec.env_kwargs),
+        "groups": [_group_to_toml(group) for group in spec.features.groups],
+        "distilled": dict(distilled),
+    }
+
+
+def to_toml(about: Mapping[str, Any], config: Mapping[str, Any]) -> str:
+    """The file."""
+    written = {name: value for name, value in about.items() if value != _LATER.get(name)}
+    return tomli_w.dumps({"run": written, "config": config, "versions": versions()})
+
+
+def read(path: Path) -> tuple[dict[str, Any], Config]:
+    """What the run in the folder ``path`` is of, and its config.
+
+    Raises:
+        RunError: there is no run, or it has another format.
+    """
+    file = path / CONFIG
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+        about, config = content["run"], content["config"]
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise RunError(f"there is no run in {path}: it has no {CONFIG}") from error
+    except KeyError as error:
+        raise RunError(f"{file} is not a run's: it lacks [{error.args[0]}]") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise RunError(f"{file} cannot be read: {error}") from error
+    if not isinstance(about, dict) or not isinstance(config, dict):
+        raise RunError(f"{file} is not a run's: [run] and [config] must be tables")
+    if about.get("format") != FORMAT:
+        raise RunError(
+            f"{path} was made by sympol {about.get('sympol', '?')} in format {about.get('format')}; this is "
+            f"sympol {__version__}, which reads format {FORMAT}: install the version that made it"
+        )
+    for name, kind in _ABOUT.items():
+        value = about.setdefault(name, _LATER[name]) if name in _LATER else about.get(name)
+        parts = value if name.endswith("_names") and isinstance(value, list) else ["none"]
+        if type(value) is not kind or not all(isinstance(part, str) for part in parts):
+            raise RunError(f"{file}: {name} must be a {kind.__name__}, got {value!r}")
+    try:
+        about["groups"] = [Group(**group) for group in about["groups"]]
+        return about, Config.from_dict(config)
+    except (ConfigError, TypeError, ValueError) as error:
+        raise RunError(f"{file}: {error}") from error
+
+
+def is_run(config_file: Path) -> bool:
+    """Whether this is the config of a run of ours, and not one of the many other files of that name."""
+    try:
+        about = tomllib.loads(config_file.read_text(encoding="utf-8")).get("run")
+    except (OSError, ValueError):
+        return False
+    return isinstance(about, dict) and {"format", "sympol"} <= about.keys()
+
+
+def _group_to_toml(group: Group) -> dict[str, Any]:
+    return {name: value for name, value in asdict(group).items() if value is not None}
+
+
+def versions() -> dict[str, str]:
+    """Of everything that a result may depend on."""
+    found = {"python": platform.python_version(), "sympol": __version__}
+    some = ("envpool",) if pool.is_installed() else ()
+    for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy", *some):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # pragma: no cover
+            found[package] = "?"
+    return found
