@@ -24,7 +24,7 @@ from ..experiments.workers import Failure
 from ..experiments.workers.threads import use_one_thread
 from .arguments import Bench
 from .parse import parse
-from .say import err, one_line_errors, out, print_error
+from .say import err, one_line_errors, out, print_error, warnings_in_one_line
 
 WIDTH = 200
 """Of a table that is written to a file, or into a pipe."""
@@ -42,15 +42,16 @@ def bench(arguments: Sequence[str]) -> int:
     if not given.render_only:
         plans = _plans(given, tables)
         _say_plan(plans)
-        failures = run(
-            plans,
-            root=given.root,
-            runs=_runs(given),
-            workers=given.workers,
-            scheduler=given.scheduler,
-            modules=given.imports,
-            on_record=_say_record,
-        )
+        with warnings_in_one_line():
+            failures = run(
+                plans,
+                root=given.root,
+                runs=_runs(given),
+                workers=given.workers,
+                scheduler=given.scheduler,
+                modules=given.imports,
+                on_record=_say_record,
+            )
     _write(given, whole, tables)
     for failure in failures:
         print_error(RuntimeError(f"{failure.task.name}: {failure.reason}"))
