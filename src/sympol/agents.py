@@ -26,6 +26,7 @@ from .envs.spec import Backend, EnvSpec
 from .play import draw, fitted_actions
 from .policies.actor import Actor
 from .policies.extract import extract_tree
+from .policies.tree import Tree
 from .runs.folder import Run
 from .runs.progress import ProgressBar
 from .trees import DecisionTree, Group
@@ -259,20 +260,23 @@ class Agent(abc.ABC):
             if self.has_tree:
                 run.save_tree(self.tree())
 
+    def reading(self) -> dict[str, Any]:
+        """What readers are told of a tree made of this policy: actions, names and bounds of the features, groups."""
+        features = self.spec.features
+        low, high = kept_bounds(features, self._trained())
+        return {
+            "actions": self.actions,
+            "feature_names": features.names,
+            "feature_low": low,
+            "feature_high": high,
+            "groups": features.groups,
+        }
+
     def _extract(self) -> DecisionTree:
-        state = self._trained()
-        low, high = kept_bounds(self.spec.features, state)
-        actor: Any = self.actor
-        return extract_tree(
-            actor,
-            np.asarray(state.normalizer.shift),
-            np.asarray(state.normalizer.scale),
-            actions=self.actions,
-            feature_names=self.spec.features.names,
-            feature_low=low,
-            feature_high=high,
-            groups=self.spec.features.groups,
-        )
+        normalizer, actor = self._trained().normalizer, self.actor
+        assert isinstance(actor, Tree)
+        shift, scale = (np.asarray(part) for part in normalizer)
+        return extract_tree(actor, shift, scale, **self.reading())
 
 
 @final

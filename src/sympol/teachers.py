@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from .agents import Agent
-from .algos.bounds import kept_bounds
 from .distill import METHODS, distill
 from .distill.answers import check_spaces
 from .distill.discretize import discretize
@@ -162,19 +161,8 @@ def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
             f"discretize makes a soft decision tree hard and needs a teacher of policy 'sdt', got "
             f"{agent.config.policy!r}; use the method viper, dagger or sa-dt"
         )
-    view, features = soft_view(agent), agent.spec.features
-    assert agent.state is not None
-    low, high = kept_bounds(features, agent.state)
-    tree = discretize(
-        view.actor,
-        view.shift,
-        view.scale,
-        actions=agent.actions,
-        feature_names=features.names,
-        feature_low=low,
-        feature_high=high,
-        groups=features.groups,
-    )
+    view = soft_view(agent)
+    tree = discretize(view.actor, view.shift, view.scale, **agent.reading())
     return tree.prune(observations=agent.spec.all_observations()) if prune else tree
 
 

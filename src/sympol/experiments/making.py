@@ -18,13 +18,7 @@ from ..teachers import discretize_agent, teacher_of
 from ..training import finish, go_on, has_run, keep_in, training_seconds
 from ..trees import DecisionTree
 from .plain_json import plain
-from .recipes import (
-    agent_for,
-    config_of,
-    distilling,
-    environment,
-    own,
-)
+from .recipes import agent_for, config_of, distilling, environment, own
 from .units import RESULT, Result, Unit, alone, units_of
 from .workers.task import resolve
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +31,28 @@ def extract_tree(
     """
     feature = np.argmax(np.asarray(actor.feature_logits), axis=1)
     threshold = np.take_along_axis(np.asarray(actor.thresholds), feature[:, None], axis=1)[:, 0]
-    return DecisionTree.from_complete(
+    return raw_tree(
         feature,
-        unscale_thresholds(threshold, np.asarray(shift)[feature], np.asarray(scale)[feature]),
+        threshold,
         np.asarray(actor.leaf_values),
+        shift,
+        scale,
         actions=actions,
         feature_names=feature_names,
         feature_low=feature_low,
         feature_high=feature_high,
         groups=groups,
     )
+
+
+def raw_tree(
+    feature: np.ndarray,
+    threshold: np.ndarray,
+    leaf_values: np.ndarray,
+    shift: np.ndarray,
+    scale: np.ndarray,
+    **reading: Any,
+) -> DecisionTree:
+    """The complete tree over raw observations of splits over scaled ones; ``reading`` is what its readers are told."""
+    raw = unscale_thresholds(threshold, np.asarray(shift)[feature], np.asarray(scale)[feature])
+    return DecisionTree.from_complete(feature, raw, leaf_values, **reading)
