@@ -39,7 +39,7 @@ docs: install    ## the documentation, into site/; a broken link is an error
 	@touch $@
 
 test: .venv/.extras lint docs  ## everything CI runs
-	tests/experiments/install-postgres.sh
+	tests/install-tools.sh
 	.venv/bin/pytest -n 2 --dist loadfile
 
 bench: install   ## measure what is claimed to be fast, into results/

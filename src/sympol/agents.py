@@ -270,6 +270,7 @@ class Agent(abc.ABC):
             "feature_low": low,
             "feature_high": high,
             "groups": features.groups,
+            "integers": features.integers,
         }
 
     def _extract(self) -> DecisionTree:

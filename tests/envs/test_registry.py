@@ -196,7 +196,7 @@ def test_a_twin_is_found_without_making_gymnasiums() -> None:
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_gymnasium_s_own_environments_have_names(name):
     spec = resolve(name)
-    assert (spec.features.names, spec.actions.names) == NAMES[name]
+    assert (spec.features.names, spec.actions.names, spec.features.integers) == NAMES[name]
 
 
 def test_names_that_no_longer_fit_are_left_out():

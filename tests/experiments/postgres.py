@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 PASSWORD = "s3cret/w@rd"
-INSTALL = Path(__file__).with_name("install-postgres.sh")
+INSTALL = Path(__file__).parents[1] / "install-tools.sh"
 
 
 @dataclass(frozen=True)

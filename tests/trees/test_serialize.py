@@ -8,7 +8,7 @@ import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions, Group
 
-from .samples import ACTIONS, HOSTILE_NAMES, random_tree
+from .samples import ACTIONS, HOSTILE_NAMES, random_grouped_tree, random_tree
 
 
 @pytest.mark.parametrize("kind", ACTIONS)
@@ -201,3 +201,19 @@ def test_a_small_file_takes_little_memory():
     """
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout == "refused\n"
+
+
+def test_whole_numbers_are_kept():
+    tree = dataclasses.replace(random_tree(np.random.default_rng(0), ACTIONS["discrete"]), integers=(2, 0))
+    assert tree.integers == (0, 2)
+    assert DecisionTree.from_json(tree.to_json()) == tree
+    with pytest.raises(ValueError, match="true, or left out"):
+        DecisionTree.from_json(tree.to_json().replace('"integer": true', '"integer": 1'))
+
+
+def test_whole_numbers_are_features_without_a_group():
+    tree = random_grouped_tree(np.random.default_rng(0), ACTIONS["discrete"])
+    with pytest.raises(ValueError, match="in a group"):
+        dataclasses.replace(tree, integers=tree.groups[0].features)
+    with pytest.raises(ValueError, match="positions of the 6 features, got 6"):
+        dataclasses.replace(tree, integers=(6,))

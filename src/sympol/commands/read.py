@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,12 +20,13 @@ from ..runs.folder import Run
 from ..runs.progress import decimals
 from ..teachers import kept_soft_view
 from ..trees import DecisionTree
+from ..trees.export import FORMATS
 from .arguments import Eval, Export, Show
 from .parse import parse
 from .say import err, one_line_errors, out, summary_words
 
 PICTURES = ("svg", "pdf", "png")
-Texts: TypeAlias = Mapping[str, Callable[[], str]]
+Texts: TypeAlias = Mapping[str, Callable[[], str | bytes]]
 Draw: TypeAlias = Callable[[Path], object]
 
 
@@ -81,19 +83,22 @@ def export(arguments: Sequence[str]) -> int:
     given = parse(Export, "export", arguments)
     run = Run.open(given.run)
     texts, draw = _soft_forms(run) if _is_soft(run) else _forms(run.load_tree())
-    to_text = texts.get(given.to)
-    if to_text is None and given.to not in PICTURES:
+    write = texts.get(given.to)
+    if write is None and given.to not in PICTURES:
         raise RunError(
             f"{run.path} holds a soft tree, which is written as {', '.join((*texts, *PICTURES))}, not {given.to}; make "
             f"a hard one of it: sympol distill {run.path}"
         )
-    if to_text is not None and given.out is None:
-        print(to_text())
+    written = None if write is None else write()
+    if isinstance(written, str) and given.out is None:
+        print(written)
         return 0
     path = given.out or run.path / f"tree.{given.to}"
     try:
-        if to_text is not None:
-            path.write_text(to_text() + "\n", encoding="utf-8")
+        if isinstance(written, str):
+            path.write_text(written + "\n", encoding="utf-8")
+        elif written is not None:
+            path.write_bytes(written)
         else:
             draw(path.with_suffix(f".{given.to}"))
     except OSError as error:
@@ -103,7 +108,7 @@ def export(arguments: Sequence[str]) -> int:
 
 
 def _forms(tree: DecisionTree) -> tuple[Texts, Draw]:
-    return {"python": tree.to_python, "json": tree.to_json, "text": tree.to_text}, tree.plot
+    return {name: partial(form.write, tree) for name, form in FORMATS.items()}, tree.plot
 
 
 def _is_soft(run: Run) -> bool:

@@ -86,6 +86,7 @@ def from_sklearn(estimator: DecisionTreeClassifier | DecisionTreeRegressor, spec
         feature_low=spec.features.low,
         feature_high=spec.features.high,
         groups=spec.features.groups,
+        integers=spec.features.integers,
         n_node_samples=grown.n_node_samples[order],
     )
 

@@ -6,7 +6,7 @@ Those written in JAX carry their names themselves; `sympol.register` adds and re
 from __future__ import annotations
 
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 from gymnasium.spaces import flatdim
@@ -17,6 +17,8 @@ class Names(NamedTuple):
 
     features: tuple[str, ...]
     actions: tuple[str, ...]
+    integers: tuple[int, ...] = ()
+    """Features that are whole numbers, though the space does not say so."""
 
 
 _LANDER = (
@@ -44,9 +46,9 @@ def _cells(rows: int, columns: int) -> tuple[str, ...]:
 
 NAMES: dict[str, Names] = {
     "LunarLander-v3": Names(
-        _LANDER, ("do nothing", "fire left engine", "fire main engine", "fire right engine")
+        _LANDER, ("do nothing", "fire left engine", "fire main engine", "fire right engine"), integers=(6, 7)
     ),
-    "LunarLanderContinuous-v3": Names(_LANDER, ("main engine", "side engines")),
+    "LunarLanderContinuous-v3": Names(_LANDER, ("main engine", "side engines"), integers=(6, 7)),
     "BipedalWalker-v3": Names(
         (
             "hull angle (rad)",
@@ -57,6 +59,7 @@ NAMES: dict[str, Names] = {
             *(f"lidar {ray}" for ray in range(10)),
         ),
         ("torque of hip 1", "torque of knee 1", "torque of hip 2", "torque of knee 2"),
+        integers=(8, 13),
     ),
     "FrozenLake-v1": Names(_cells(4, 4), _MOVES),
     "FrozenLake8x8-v1": Names(_cells(8, 8), _MOVES),
@@ -82,8 +85,8 @@ NAMES: dict[str, Names] = {
 }
 
 
-def known_names(env: object, name: str) -> dict[str, tuple[str, ...]]:
-    """The ``feature_names`` and ``action_names`` of one of Gymnasium's environments, as far as they are known.
+def known_names(env: object, name: str) -> dict[str, tuple[Any, ...]]:
+    """The ``feature_names``, ``integers`` and ``action_names`` of one of Gymnasium's, as far as they are known.
 
     Only those that fit: arguments can give the same environment another map or other actions, and a wrapper
     anything at all.
@@ -95,4 +98,5 @@ def known_names(env: object, name: str) -> dict[str, tuple[str, ...]]:
         "feature_names": (NAMES[name].features, env.observation_space),
         "action_names": (NAMES[name].actions, env.action_space),
     }
-    return {what: names for what, (names, space) in found.items() if flatdim(space) == len(names)}
+    fitting = {what: names for what, (names, space) in found.items() if flatdim(space) == len(names)}
+    return {**fitting, "integers": NAMES[name].integers} if "feature_names" in fitting else fitting

@@ -161,7 +161,10 @@ def resolve(
         observation_space=example.observation_space,
         action_space=example.action_space,
         features=Features.of(
-            example.observation_space, own("feature_names", feature_names), own("groups", groups)
+            example.observation_space,
+            own("feature_names", feature_names),
+            own("groups", groups),
+            known.get("integers", ()),
         ),
         actions=action_spec(example.action_space, own("action_names", action_names)),
         max_episode_steps=_max_episode_steps(example),

@@ -23,12 +23,16 @@ UNBOUNDED = 1e6
 
 
 class Feature(NamedTuple):
-    """One number of an observation and the range it moves in; ``choice`` is the category it is one-hot of."""
+    """One number of an observation and the range it moves in.
+
+    ``choice`` is the category it is one-hot of; ``integer`` says that it is a whole number.
+    """
 
     name: str
     low: float
     high: float
     choice: str | None = None
+    integer: bool = False
 
 
 @dataclass(frozen=True)
@@ -45,15 +49,21 @@ class Features:
     low: NDArray[np.float32]
     high: NDArray[np.float32]
     groups: tuple[Group, ...] = ()
+    integers: tuple[int, ...] = ()
 
     @classmethod
     def of(
-        cls, space: Space, names: Sequence[str] | None = None, groups: Sequence[Group] | None = None
+        cls,
+        space: Space,
+        names: Sequence[str] | None = None,
+        groups: Sequence[Group] | None = None,
+        integers: Sequence[int] = (),
     ) -> Features:
         """Describe a space, with the user's names in place of ``x[0]``, ``camera[1, 2]``, ``weather = 3``.
 
         ``groups`` are the features that are one-hot together; by default those that a ``Discrete`` or a
-        ``MultiDiscrete`` became. Bounds that are NaN, too far out (`UNBOUNDED`) or the wrong way round are
+        ``MultiDiscrete`` became. ``integers`` are the positions of features that are whole numbers, besides those of
+        which the space says so. Bounds that are NaN, too far out (`UNBOUNDED`) or the wrong way round are
         none: what believes in bounds, such as pruning, would cut by them what the environment does visit.
 
         Raises ValueError for an unsupported space, and for names and groups that do not fit.
@@ -64,12 +74,15 @@ class Features:
         named = check_names(names, [feature.name for feature in features], "feature_names")
         if groups is None:
             groups = _one_hot_groups(features, named)
+        grouped = {feature for group in groups for feature in group.features}
+        whole = {i for i, feature in enumerate(features) if feature.integer} | set(integers)
         low, high = (flushed(bounds) for bounds in zip(*((f.low, f.high) for f in features), strict=True))
         ordered = ~(low > high)
         return cls(
             space=space,
             names=named,
             groups=check_groups(groups, len(features)),
+            integers=tuple(sorted(whole - grouped)),
             low=np.where(ordered & (np.abs(low) < UNBOUNDED), low, np.float32(-np.inf)),
             high=np.where(ordered & (np.abs(high) < UNBOUNDED), high, np.float32(np.inf)),
         )
@@ -163,11 +176,13 @@ def native_actions(space: Space, actions: ArrayLike) -> NDArray:
 def _features(space: Space, path: str = "x", *, is_root: bool = True) -> Iterator[Feature]:
     match space:
         case Box():
+            whole = not np.issubdtype(space.dtype, np.floating)
             for index in np.ndindex(space.shape):
-                yield Feature(path + _subscript(index), float(space.low[index]), float(space.high[index]))
+                low, high = float(space.low[index]), float(space.high[index])
+                yield Feature(path + _subscript(index), low, high, integer=whole)
         case MultiBinary():
             for index in np.ndindex(space.shape):
-                yield Feature(path + _subscript(index), 0, 1)
+                yield Feature(path + _subscript(index), 0, 1, integer=True)
         case Discrete():
             for category in range(int(space.n)):
                 yield Feature(f"{path} = {space.start + category}", 0, 1, path)

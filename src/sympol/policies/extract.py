@@ -24,6 +24,7 @@ def extract_tree(
     feature_low: np.ndarray,
     feature_high: np.ndarray,
     groups: Sequence[Group] = (),
+    integers: Sequence[int] = (),
 ) -> DecisionTree:
     """The complete tree over raw observations that acts, on every float32 observation, as the actor does.
 
@@ -42,6 +43,7 @@ def extract_tree(
         feature_low=feature_low,
         feature_high=feature_high,
         groups=groups,
+        integers=integers,
     )
 
 

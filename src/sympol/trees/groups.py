@@ -98,6 +98,18 @@ def check_groups(groups: Sequence[Group], n_features: int) -> tuple[Group, ...]:
     return tuple(groups)
 
 
+def check_integers(integers: Sequence[int], groups: Sequence[Group], n_features: int) -> tuple[int, ...]:
+    """Return the positions of whole-numbered features, in order. Raises ValueError where one is none, or grouped."""
+    ordered = tuple(sorted({int(i) for i in integers}))
+    grouped = {feature for group in groups for feature in group.features}
+    for i in ordered:
+        if not 0 <= i < n_features:
+            raise ValueError(f"integers must be positions of the {n_features} features, got {i}")
+        if i in grouped:
+            raise ValueError(f"feature {i} is in a group, which says more than that it is a whole number")
+    return ordered
+
+
 def require_one_hot(groups: Sequence[Group], x: Float32[np.ndarray, "batch features"]) -> None:
     """Raise ValueError, naming the observation, where a group is not one 1 and otherwise 0."""
     if not groups:

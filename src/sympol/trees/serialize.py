@@ -2,7 +2,8 @@
 
 ```
 {"format": "sympol.tree", "version": 1,
- "features": [{"name": "pole angle", "low": -0.418, "high": "inf"}, …],      no bound: "-inf" or "inf"
+ "features": [{"name": "pole angle", "low": -0.418, "high": "inf"}, …],      no bound: "-inf" or "inf";
+                                                                             "integer": true where it is one
  "groups": [{"name": "front", "features": [3, 4], "categories": ["wall", "door"], "cell": [5, 3]}, …],
                                                                              only where there are groups
  "actions": {"type": "discrete", "start": 0, "names": ["left", "right"]},
@@ -41,7 +42,11 @@ _MOST_DIMENSIONS = 32
 def to_json(tree: DecisionTree) -> str:
     """Write the tree, a feature and a node a line."""
     bounds = zip(tree.feature_names, tree.feature_low, tree.feature_high, strict=True)
-    features = [{"name": name, "low": _bound(low), "high": _bound(high)} for name, low, high in bounds]
+    features = [
+        {"name": name, "low": _bound(low), "high": _bound(high)}
+        | ({"integer": True} if i in tree.integers else {})
+        for i, (name, low, high) in enumerate(bounds)
+    ]
     head = f'{{"format": {json.dumps(FORMAT)}, "version": {VERSION},\n'
     groups = f'"groups": {_lines(map(_group_to_json, tree.groups))},\n' if tree.groups else ""
     return (
@@ -119,9 +124,9 @@ def _read(document: object) -> DecisionTree:
             f"version {document.get('version')!r} of the format; this sympol reads version {VERSION}"
         )
     keys = ("format", "version", "features", "actions", "nodes", "meta")
-    _fields(document, "the document", *keys, *(("groups",) if "groups" in document else ()))
+    _fields(document, "the document", *keys, optional="groups")
     features = [
-        _fields(feature, f"features[{i}]", "name", "low", "high")
+        _fields(feature, f"features[{i}]", "name", "low", "high", optional="integer")
         for i, feature in enumerate(_list(document["features"], "features"))
     ]
     actions = _read_actions(document["actions"])
@@ -132,6 +137,7 @@ def _read(document: object) -> DecisionTree:
         feature_low=np.array([_number(feature["low"], "low", unbounded=True) for feature in features]),
         feature_high=np.array([_number(feature["high"], "high", unbounded=True) for feature in features]),
         groups=tuple(_read_groups(document)),
+        integers=tuple(i for i, feature in enumerate(features) if _true_or_absent(feature, "integer")),
         meta=document["meta"]
         if isinstance(document["meta"], dict)
         else _fail("meta", "an object", document["meta"]),
@@ -250,10 +256,14 @@ def _refuse(constant: str) -> Never:
     raise ValueError(f"not strict JSON: it has no {constant}")
 
 
-def _fields(value: object, where: str, *keys: str) -> dict[str, Any]:
-    if not isinstance(value, dict) or set(value) != set(keys):
+def _fields(value: object, where: str, *keys: str, optional: str | None = None) -> dict[str, Any]:
+    if not isinstance(value, dict) or set(value) - {optional} != set(keys):
         _fail(where, f"an object of {', '.join(keys)}", value)
     return value
+
+
+def _true_or_absent(fields: dict[str, Any], key: str) -> bool:
+    return key in fields and (fields[key] is True or _fail(key, "true, or left out", fields[key]))
 
 
 def _list(value: object, where: str) -> list[Any]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from .actions import ActionSpec
 from .floats import flushed, observation_batch
-from .groups import Group, check_groups, require_one_hot
+from .groups import Group, check_groups, check_integers, require_one_hot
 from .preorder import NO_CHILD, check, complete_to_preorder
 from .walk import depths, descend, descend_one, paths, visits
 
@@ -43,6 +43,7 @@ class DecisionTree:
     -2.0; at inner nodes ``value`` is zero. ``actions`` says what the numbers in ``value`` mean.
     ``feature_low`` and ``feature_high`` are the bounds of the observation space, infinite where it has none.
     ``groups`` says which features are one-hot together; an observation in which they are not is refused.
+    ``integers`` are the positions of other features that are whole numbers; only proofs (`verify`) build on it.
     ``n_node_samples`` counts how many observations came by each node, if that is known. ``meta`` is plain
     JSON for whatever else should stay with the tree (the environment's id, the run).
 
@@ -62,6 +63,7 @@ class DecisionTree:
     feature_low: Float32[np.ndarray, " features"]
     feature_high: Float32[np.ndarray, " features"]
     groups: tuple[Group, ...] = ()
+    integers: tuple[int, ...] = ()
     n_node_samples: Int64[np.ndarray, " nodes"] | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
 
@@ -79,6 +81,9 @@ class DecisionTree:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "feature_names", tuple(self.feature_names))
         object.__setattr__(self, "groups", check_groups(self.groups, len(self.feature_names)))
+        object.__setattr__(
+            self, "integers", check_integers(self.integers, self.groups, len(self.feature_names))
+        )
         # through JSON and back: a copy nobody else holds, and proof that it can be written
         object.__setattr__(self, "meta", json.loads(json.dumps(dict(self.meta), allow_nan=False)))
         check(self)
@@ -95,6 +100,7 @@ class DecisionTree:
         feature_low: ArrayLike | None = None,
         feature_high: ArrayLike | None = None,
         groups: Sequence[Group] = (),
+        integers: Sequence[int] = (),
         meta: Mapping[str, Any] | None = None,
     ) -> DecisionTree:
         """Make a tree from a complete one in breadth-first order, as it is trained.
@@ -116,6 +122,7 @@ class DecisionTree:
             feature_low=np.full(n_features, -np.inf) if feature_low is None else np.asarray(feature_low),
             feature_high=np.full(n_features, np.inf) if feature_high is None else np.asarray(feature_high),
             groups=tuple(groups),
+            integers=tuple(integers),
             meta=meta or {},
         )
 
@@ -253,6 +260,12 @@ class DecisionTree:
         from .serialize import from_json
 
         return from_json(text)
+
+    def export(self, to: str, **options: Any) -> str | bytes:
+        """Write the tree in one of the formats of `sympol.trees.export.FORMATS`: ``"python"``, ``"c"``, …."""
+        from .export import format_of
+
+        return format_of(to).write(self, **options)
 
     def to_python(self) -> str:
         """Write a Python program without dependencies: see `sympol.trees.export.python`."""
