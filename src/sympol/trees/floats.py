@@ -38,6 +38,20 @@ def observation_batch(X: ArrayLike, n_features: int) -> tuple[Float32[np.ndarray
     return flushed(np.atleast_2d(raw)), raw.ndim == 1
 
 
+def next_above(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
+    """Return the next flushed float32 above each: above 0 comes the smallest normal number, above -it comes 0."""
+    with np.errstate(over="ignore", under="ignore"):
+        above = np.nextafter(flushed(x), np.float32(np.inf))
+    return np.where(np.abs(above) < SMALLEST_NORMAL, np.where(above > 0, SMALLEST_NORMAL, 0), above).astype(
+        np.float32
+    )
+
+
+def next_below(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
+    """Return the next flushed float32 below each."""
+    return -next_above(-flushed(x))
+
+
 def unflushed_threshold(threshold: float) -> float:
     """Return the t for which ``x <= t`` on the raw float32 x says what ``flushed(x) <= threshold`` says.
 

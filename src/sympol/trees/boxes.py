@@ -1,0 +1,185 @@
+"""Boxes: exact sets of observations, an interval of float32 numbers a feature.
+
+All observations that end in a leaf are one box, and so are all that meet a condition such as ``x > 0.1 and
+front is lava``. What is proven about a tree is proven by cutting boxes with boxes.
+
+A box knows of each feature the lowest and the highest float32 number in it, both ends closed, and whether NaN
+is in it. Open ends become the next float32, where subnormal numbers do not exist: above 0 comes the smallest
+normal number. -0.0 and 0.0 are one number. Features of a group are 0 or 1, features that are whole numbers are
+whole and finite; a box is kept as tight as both say, so that it is empty only where an interval is.
+
+`sympol.trees.regions` keeps account on one way through the tree, forth and back, and never is empty; it does
+not know what can be intersected, nor whole numbers. These are arrays, for all leaves at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from .floats import flushed, next_above
+from .groups import Group
+from .readable import readable
+from .walk import depths
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float32, Int
+    from numpy.typing import ArrayLike
+
+    from .tree import DecisionTree
+
+_LARGEST = np.finfo(np.float32).max
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """A number of boxes over the same features.
+
+    Args:
+        low: The lowest number of each feature in each box, [boxes, features].
+        high: The highest, idem; a box in which it is below ``low``, and NaN is not in it either, is empty.
+        nan: Whether NaN is in it, idem.
+        groups: Which features are one-hot together.
+        integers: Which other features are whole numbers.
+    """
+
+    low: Float32[np.ndarray, "boxes features"]
+    high: Float32[np.ndarray, "boxes features"]
+    nan: Bool[np.ndarray, "boxes features"]
+    groups: tuple[Group, ...] = ()
+    integers: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Copy, and make tight."""
+        # + 0 makes -0.0 to 0.0
+        low, high, nan = (
+            flushed(self.low) + np.float32(0),
+            flushed(self.high) + np.float32(0),
+            self.nan.copy(),
+        )
+        for group in self.groups:
+            features = list(group.features)
+            low[:, features] = np.maximum(low[:, features], 0)
+            high[:, features] = np.minimum(high[:, features], 1)
+        if whole := [*self.integers, *(feature for group in self.groups for feature in group.features)]:
+            low[:, whole] = np.ceil(np.maximum(low[:, whole], -_LARGEST)) + np.float32(0)
+            high[:, whole] = np.floor(np.minimum(high[:, whole], _LARGEST)) + np.float32(0)
+            nan[:, whole] = False
+        for group in self.groups:
+            _choose_one(list(group.features), low, high)
+        for name, array in (("low", low), ("high", high), ("nan", nan)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        """Count the boxes."""
+        return len(self.low)
+
+    def __getitem__(self, rows: slice | Sequence[int] | np.ndarray) -> Boxes:
+        """Some of the boxes: a slice, positions, or a mask."""
+        return replace(self, low=self.low[rows], high=self.high[rows], nan=self.nan[rows])
+
+    @property
+    def is_empty(self) -> Bool[np.ndarray, " boxes"]:
+        """Whether no observation is in each."""
+        return np.any(~(self.low <= self.high) & ~self.nan, axis=1)
+
+    def intersect(self, other: Boxes) -> Boxes:
+        """What is in the one and in the other, box by box; a single box is cut with each of the others."""
+        return replace(
+            self,
+            low=np.maximum(self.low, other.low),
+            high=np.minimum(self.high, other.high),
+            nan=self.nan & other.nan,
+        )
+
+    def contains(self, X: ArrayLike) -> Bool[np.ndarray, "boxes batch"]:
+        """Whether each observation [batch, features] is in each box; groups in it have to be one-hot."""
+        x = flushed(X)[None]
+        low, high, nan = self.low[:, None], self.high[:, None], self.nan[:, None]
+        return np.all(((low <= x) & (x <= high)) | (nan & np.isnan(x)), axis=2)
+
+    def some_observation(self, box: int = 0) -> Float32[np.ndarray, " features"]:
+        """Return one observation that is in a box: near zero, in few digits, one-hot and whole where it must.
+
+        Raises:
+            ValueError: if the box is empty.
+        """
+        if self.is_empty[box]:
+            raise ValueError("the box is empty: there is no observation in it")
+        low, high = self.low[box], self.high[box]
+        x = np.array([readable(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)], np.float32)
+        x[list(self.integers)] = np.clip(0, low, high)[list(self.integers)]
+        for group in self.groups:
+            features = list(group.features)
+            x[features] = np.eye(len(features))[np.argmax(high[features])]
+        return x
+
+
+def space(tree: DecisionTree, *, bounds: bool) -> Boxes:
+    """Return all observations that there are, as one box.
+
+    With ``bounds`` only those within the bounds of the space, both ends included: there NaN is none. Bounds that
+    leave a group no category say nothing about it, as in `sympol.trees.prune`.
+    """
+    shape = (1, tree.n_features)
+    everything = Boxes(
+        np.full(shape, -np.inf, np.float32),
+        np.full(shape, np.inf, np.float32),
+        np.full(shape, True),
+        tree.groups,
+        tree.integers,
+    )
+    if not bounds:
+        return everything
+    low, high = tree.feature_low[None], tree.feature_high[None]
+    within = everything.intersect(Boxes(low, high, np.full(shape, False)))
+    low, high = within.low.copy(), within.high.copy()
+    for group in tree.groups:
+        features = list(group.features)
+        if (low[:, features] > high[:, features]).any():
+            low[:, features], high[:, features] = 0, 1
+    return replace(within, low=low, high=high)
+
+
+def node_boxes(tree: DecisionTree, *, bounds: bool) -> Boxes:
+    """Return the observations that come by each node: box i is of node i, empty where it cannot be reached."""
+    start = space(tree, bounds=bounds)
+    low, high, nan = (np.repeat(array, tree.n_nodes, axis=0) for array in (start.low, start.high, start.nan))
+    depth = depths(tree.children_left, tree.children_right)
+    for level in range(int(depth.max())):
+        at = np.flatnonzero((depth == level) & ~tree.is_leaf)
+        left, right, feature = tree.children_left[at], tree.children_right[at], tree.feature[at]
+        for array in (low, high, nan):
+            array[left] = array[right] = array[at]
+        high[left, feature] = np.minimum(high[left, feature], tree.threshold[at])
+        nan[left, feature] = False
+        low[right, feature] = np.maximum(low[right, feature], next_above(tree.threshold[at]))
+    return replace(start, low=low, high=high, nan=nan)
+
+
+def leaf_boxes(tree: DecisionTree, *, bounds: bool) -> Boxes:
+    """Return the observations that end in each leaf, in the order of ``np.flatnonzero(tree.is_leaf)``."""
+    return node_boxes(tree, bounds=bounds)[tree.is_leaf]
+
+
+def unreachable_leaves(tree: DecisionTree, *, bounds: bool = True) -> Int[np.ndarray, " leaves"]:
+    """Return the leaves in which no observation ends; with ``bounds``, none within the bounds of the space."""
+    leaves = np.flatnonzero(tree.is_leaf)
+    return leaves[leaf_boxes(tree, bounds=bounds).is_empty]
+
+
+def _choose_one(features: list[int], low: np.ndarray, high: np.ndarray) -> None:
+    """Let the intervals of a group say that exactly one of it is 1, in place."""
+    is_one = low[:, features] >= 1
+    others_are = (is_one.sum(axis=1, keepdims=True) - is_one) > 0
+    high[:, features] = np.where(others_are, np.minimum(high[:, features], 0), high[:, features])
+    can_be_one = high[:, features] >= 1
+    last = np.flatnonzero(can_be_one.sum(axis=1) <= 1)
+    first = np.array(features)[can_be_one[last].argmax(axis=1)]
+    # the only one left is it; where none is left, this makes the first one's interval empty
+    low[last, first] = np.maximum(low[last, first], 1)
