@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import gymnasium
 from PIL import Image
 
-from ..envs.env import MAX_EPISODE_STEPS
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
 from .files import check, write
 from .rendering import frame_of, rendering
 from .screen import Screen, Shot, env_picture
+from .steps import steps
 
 MOST_FRAMES = 300
 """Of longer films every second step is left out, or three of four, …"""
@@ -149,24 +149,20 @@ def _play(
     tell: Callable[[str], None],
 ) -> tuple[float, int]:
     """Play one episode; return its return and its length."""
-    observation, _ = env.reset(seed=seed)
-    limit = min(max_steps or MAX_EPISODE_STEPS, spec.max_episode_steps or MAX_EPISODE_STEPS)
-    total, step, end = 0.0, 0, ""
-    while not end:
-        action = act(observation)
-        if film.wants(step):
-            does = ", ".join(spec.actions.words(action, digits=3))
-            x = None if tree is None else spec.features.flatten(observation)
+    now = None
+    for now in steps(act, spec, env, seed, max_steps):
+        if now.end:
+            said = f"{number}{now.end} after {now.step} step{'s' if now.step > 1 else ''}"
             picture = env_picture(frame_of(env, spec))
-            film.add(Shot(picture, x, f"{number}step {step + 1}   {does}", _earned(total), step))
-            tell(f"{number}playing step {step + 1:,}")
-        observation, reward, terminated, truncated, _ = env.step(action)
-        total, step = total + float(reward), step + 1
-        if terminated or truncated or step >= limit:
-            end = "terminated" if terminated else "truncated" if truncated else "stopped"
-    said = f"{number}{end} after {step} step{'s' if step > 1 else ''}"
-    film.add(Shot(env_picture(frame_of(env, spec)), None, said, _earned(total), step, is_last=True))
-    return total, step
+            film.add(Shot(picture, None, said, _earned(now.earned), now.step, is_last=True))
+        elif film.wants(now.step):
+            does = ", ".join(spec.actions.words(now.action, digits=3))
+            x = None if tree is None else spec.features.flatten(now.observation)
+            picture = env_picture(frame_of(env, spec))
+            film.add(Shot(picture, x, f"{number}step {now.step + 1}   {does}", _earned(now.earned), now.step))
+            tell(f"{number}playing step {now.step + 1:,}")
+    assert now is not None
+    return now.earned, now.step
 
 
 def _earned(total: float) -> str:

@@ -7,7 +7,9 @@ means: ``front is lava``. There yes is the right child, everywhere else the left
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from .floats import number, printable
 from .groups import Group
@@ -62,24 +64,32 @@ def rules(tree: DecisionTree, *, digits: int | None = None) -> list[str]:
 
     Several conditions on a feature become one interval, several on a group become one phrase.
     """
-    sentences: list[str] = []
-    awaited: list[tuple[int, dict[int | Group, _Interval | _Choice]]] = [(0, {})]
+    return [rule_words(tree, leaf, known, digits) for leaf, known in leaf_conditions(tree)]
+
+
+def leaf_conditions(tree: DecisionTree) -> Iterator[tuple[int, Conditions]]:
+    """Go through the leaves, in the order of the listing, with what the way to each tells."""
+    awaited: list[tuple[int, Conditions]] = [(0, {})]
     while awaited:
         node, known = awaited.pop()
         if tree.is_leaf[node]:
-            conditions = " and ".join(condition.words(digits) for condition in known.values())
-            share = visit_share(tree, node)
-            answer = node_words(tree, node, digits) + (f" ({share})" if share else "")
-            sentences.append(f"If {conditions}: {answer}." if conditions else f"Always: {answer}.")
+            yield node, known
             continue
         feature, threshold = int(tree.feature[node]), float(tree.threshold[node])
-        asked, group = question(tree, node, digits), asked_group(tree, node)
+        asked, group = question(tree, node), asked_group(tree, node)
         about = feature if group is None else group
-        new = _Interval(tree.feature_names[feature]) if group is None else _Choice(group)
+        new = Interval(tree.feature_names[feature]) if group is None else Choice(group)
         for child, yes in ((asked.no_child, False), (asked.yes_child, True)):
             told = known.get(about, new).told(feature, threshold, yes=yes)
             awaited.append((child, {**known, about: told}))
-    return sentences
+
+
+def rule_words(tree: DecisionTree, leaf: int, known: Conditions, digits: int | None = None) -> str:
+    """Write a leaf's sentence, with what the way to it tells."""
+    conditions = " and ".join(condition.words(digits) for condition in known.values())
+    share = visit_share(tree, leaf)
+    answer = node_words(tree, leaf, digits) + (f" ({share})" if share else "")
+    return f"If {conditions}: {answer}." if conditions else f"Always: {answer}."
 
 
 def node_words(tree: DecisionTree, node: int, digits: int | None = None) -> str:
@@ -106,19 +116,21 @@ def visit_share(tree: DecisionTree, leaf: int) -> str:
 
 
 @dataclass(frozen=True)
-class _Interval:
-    """What the way to a leaf tells of a feature."""
+class Interval:
+    """What the way to a leaf tells of a feature: more than ``above`` and at most ``most``, None where unknown."""
 
     name: str
     above: float | None = None
     most: float | None = None
 
-    def told(self, feature: int, threshold: float, *, yes: bool) -> _Interval:
+    def told(self, feature: int, threshold: float, *, yes: bool) -> Interval:
+        """Know the answer to one more question, too."""
         if yes:
             return replace(self, most=threshold if self.most is None else min(self.most, threshold))
         return replace(self, above=threshold if self.above is None else max(self.above, threshold))
 
-    def words(self, digits: int | None) -> str:
+    def words(self, digits: int | None = None) -> str:
+        """Say it: ``0 < x ≤ 1``."""
         name = printable(self.name)
         if self.above is None:
             return f"{name} ≤ {number(self.most or 0.0, digits)}"
@@ -128,14 +140,15 @@ class _Interval:
 
 
 @dataclass(frozen=True)
-class _Choice:
+class Choice:
     """What the way to a leaf tells of a group: the features that were said to be 1, and to be 0."""
 
     group: Group
     is_one: tuple[int, ...] = ()
     is_zero: tuple[int, ...] = ()
 
-    def told(self, feature: int, threshold: float, *, yes: bool) -> _Choice:
+    def told(self, feature: int, threshold: float, *, yes: bool) -> Choice:
+        """Know the answer to one more question, too."""
         if feature in (self.is_one if yes else self.is_zero):
             return self
         return (
@@ -144,7 +157,8 @@ class _Choice:
             else replace(self, is_zero=(*self.is_zero, feature))
         )
 
-    def words(self, digits: int | None) -> str:
+    def words(self, digits: int | None = None) -> str:
+        """Say it: ``front is neither lava nor wall``."""
         left = [feature for feature in self.group.features if feature not in self.is_zero]
         if not self.is_one and len(left) != 1:
             return self.group.words_without(self.is_zero)
@@ -154,3 +168,7 @@ class _Choice:
             self.group.words(feature, negated=True) for feature in self.is_one if feature in self.is_zero
         ]
         return " and ".join(phrases)
+
+
+Conditions: TypeAlias = dict[int | Group, Interval | Choice]
+"""What is known of features, by their positions, and of groups."""
