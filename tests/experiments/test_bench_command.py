@@ -199,10 +199,11 @@ def test_seconds_of_a_training_that_was_interrupted_are_those_of_its_parts(tmp_p
 @pytest.mark.slow
 def test_the_runtime_table_trains_in_turns_and_all_again_if_one_is_lacking(tmp_path, capsys):
     methods = ["--methods", "tree-paper", "mlp-paper"]
-    line = ["runtime", "--environments", "CartPole-v1", *methods, "--root", tmp_path, *SMALL]
+    cells = ["--environments", "CartPole-v1", *methods, "--variants", "runtime"]
+    line = ["runtime", *cells, "--root", tmp_path, *SMALL]
     assert status_of("bench", *line) == 0
     said = capsys.readouterr()
-    assert "Against MLP" in said.out
+    assert "Against: MLP, paper's settings." in " ".join(said.out.split())
     assert "CartPole-v1 ppo tree-paper mlp-paper in turns, seed 1" in said.err
     found = records(tmp_path)
     assert {*found} == {"tree-paper", "mlp-paper"}

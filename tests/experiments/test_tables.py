@@ -8,7 +8,16 @@ import pytest
 
 from sympol.algos.config import Config
 from sympol.algos.presets import preset
-from sympol.experiments.methods import CONTROL, METHODS, OUR_VARIANTS, SHORT, VARIANT_LABELS, VARIANTS, known
+from sympol.experiments.methods import (
+    CONTROL,
+    METHODS,
+    OUR_VARIANTS,
+    RUNTIME_VARIANTS,
+    SHORT,
+    VARIANT_LABELS,
+    VARIANTS,
+    known,
+)
 from sympol.experiments.paper import MEAN, paper_number
 from sympol.experiments.record import Cell
 from sympol.experiments.tables import TABLES, Table
@@ -95,10 +104,11 @@ def test_the_paper_has_every_cell_of_its_tables():
         cell
         for name in TABLES
         for cell in TABLES[name].cells()
-        if cell.variant not in (*OUR_VARIANTS, "runtime")
+        if cell.variant not in (*OUR_VARIANTS, *RUNTIME_VARIANTS)
     }
     assert [cell for cell in ours if paper_number("return", cell) is None] == []
     assert {cell.environment for cell in ours} == {*SHORT}
     assert all(paper_number("nodes", cell) for cell in TABLES["tree-size"].cells())
-    assert all(paper_number("seconds", cell) for cell in TABLES["runtime"].cells())
+    runtimes = [cell for cell in TABLES["runtime"].cells() if cell.variant == "runtime"]
+    assert all(paper_number("seconds", cell) for cell in runtimes)
     assert all(paper_number("validation", cell) is not None for cell in TABLES["information-loss"].cells())

@@ -17,6 +17,8 @@ from ..policies.tree import Tree
 from .config import Hyperparameters
 
 ADAM_EPS = 1e-5
+LOG_STD_BOUNDS = (-20.0, 2.0)
+"""As is usual. No action space of ours is so wide that a deviation of 7 would not fill it."""
 DECAYED = ("feature_logits", "leaf_values", "actor")
 """Weight decay keeps choices of features and actions revisable; the size of a tree's threshold means nothing."""
 
@@ -74,4 +76,10 @@ def apply_gradients(
     clipped: Any = Networks(*(clip_by_norm(part, hyper.max_grad_norm) for part in gradient))
     with jax.numpy_dtype_promotion("standard"):  # Optax raises floats to its integer count
         updates, opt_state = optimizer(hyper, factor, networks).update(clipped, opt_state, parameters)
-    return eqx.apply_updates(networks, updates), opt_state
+    return _bounded(eqx.apply_updates(networks, updates)), opt_state
+
+
+def _bounded(networks: Networks) -> Networks:
+    """The networks with log_std put back into its bounds: a large entropy bonus would raise it to infinity."""
+    log_std = jnp.clip(networks.actor.log_std, *LOG_STD_BOUNDS)
+    return networks._replace(actor=eqx.tree_at(lambda actor: actor.log_std, networks.actor, log_std))

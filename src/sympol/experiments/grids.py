@@ -171,10 +171,12 @@ def _with_mean(
 
 
 def _ratios(table: Table, records: Mapping[Cell, Record]) -> Grid:
-    """How much longer each row took than the last one, seed by seed: those were trained in turns."""
-    base, rows = table.rows[-1], []
-    for row in table.rows[:-1]:
-        entries = []
+    """How much longer each row took than the last one of its variant, seed by seed: those were trained in turns."""
+    last, rows = {row.variant: row for row in table.rows}, []
+    for row in table.rows:
+        entries, base = [], last[row.variant]
+        if row == base:
+            continue
         for env in table.environments:
             one, other = (records.get(cell_of(which, env)) for which in (row, base))
             if one is None or other is None or one.seconds is None or other.seconds is None:
@@ -187,9 +189,11 @@ def _ratios(table: Table, records: Mapping[Cell, Record]) -> Grid:
             median = Interval(*np.quantile(ratios or [np.nan], [0.5, 0, 1]))
             entries.append(Entry(interval(median), f"n={len(ratios)}") if ratios else Entry(NOT_RUN))
         rows.append((name_of(table, row), tuple(entries)))
-    title = f"Against {name_of(table, base)}"
-    note = "Ratio of the seconds of trainings with the same seed: median [least, greatest]."
-    return Grid(title, note, table.environments, tuple(rows))
+    names = ", ".join(name_of(table, base) for base in last.values())
+    note = (
+        f"Ratio of the seconds of trainings with the same seed: median [least, greatest]. Against: {names}."
+    )
+    return Grid("Ratios", note, table.environments, tuple(rows))
 
 
 def _area(cell: Cell, summary: CellSummary | None, places: int) -> Entry:

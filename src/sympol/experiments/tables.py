@@ -133,7 +133,8 @@ _ALL = (
         "Runtime",
         "Seconds that a training took, without compiling; rollouts and batches are the same for all.",
         CONTROL,
-        _rows("tree-paper", "sdt-paper", "mlp-paper", variant="runtime"),
+        _rows("tree-paper", "sdt-paper", "mlp-paper", variant="runtime")
+        + _rows("tree-paper", "mlp-paper", variant="runtime-critic"),
         "runtime",
     ),
     Table(

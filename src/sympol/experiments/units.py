@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from .methods import RUNTIME_VARIANTS
 from .recipes import Settings, config_of, import_all, own, register_method, same_config, teacher_cell
 from .record import Cell
 from .seeds import require_training_seed
 from .workers import Task
 
 RESULT = "bench.json"
-TOGETHER = "runtime"
-"""The variant whose trainings of one seed take turns, so that what else the machine does meets all."""
 
 Result: TypeAlias = dict[str, Any]
 """Its returns and what else `record_of` asks for."""
@@ -98,7 +97,9 @@ def jobs_of(units: Iterable[Unit]) -> list[list[Unit]]:
     """Units to be done one by one, and those that take turns together."""
     jobs: dict[Any, list[Unit]] = {}
     for unit in units:
-        is_alone = unit.cell.variant != TOGETHER or unit.teacher is not None or own(unit.cell.method)
+        is_alone = (
+            unit.cell.variant not in RUNTIME_VARIANTS or unit.teacher is not None or own(unit.cell.method)
+        )
         key = unit if is_alone else (unit.cell._replace(method=""), unit.seed)
         jobs.setdefault(key, []).append(unit)
     return list(jobs.values())
