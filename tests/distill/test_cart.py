@@ -11,9 +11,8 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 from sympol.distill import from_sklearn
-from sympol.distill.cart import fit_cart, rounded_down
+from sympol.distill.cart import fit_cart
 from sympol.envs.registry import resolve
-from sympol.trees.floats import SMALLEST_NORMAL
 
 from .teachers import CARTPOLE, chain
 
@@ -92,16 +91,6 @@ def test_leaves_hold_the_shares_of_their_samples():
     )
     np.testing.assert_allclose(tree.predict_proba(x[[0, 5]]), [[0.75, 0.25], [0, 1]], atol=1e-8)  # pyright: ignore
     np.testing.assert_array_equal(tree.n_node_samples, [6, 4, 2])  # pyright: ignore
-
-
-def test_thresholds_are_rounded_down_to_what_decides_alike():
-    down = rounded_down(np.array([0.1, 1 / 3, -0.1, 0.5, 1e-40, -1e-40, 0.0, 1e39]))
-    assert down.dtype == np.float32
-    assert (down[:4].astype(float) <= [0.1, 1 / 3, -0.1, 0.5]).all()
-    assert down[3:].tolist() == [0.5, 0, -SMALLEST_NORMAL, 0, np.finfo(np.float32).max]
-    edges = np.array([0, SMALLEST_NORMAL, -SMALLEST_NORMAL], np.float32)
-    for t in (1e-40, -1e-40, 0.0, SMALLEST_NORMAL / 2, -SMALLEST_NORMAL / 2):
-        assert (edges <= rounded_down(np.array([t]))[0]).tolist() == (edges.astype(float) <= t).tolist()
 
 
 def test_the_tree_speaks_of_the_environment():

@@ -273,6 +273,20 @@ class DecisionTree:
 
         return to_python(self)
 
+    @classmethod
+    def from_sklearn(
+        cls,
+        estimator: DecisionTreeClassifier | DecisionTreeRegressor,
+        actions: ActionSpec,
+        *,
+        feature_names: Sequence[str] | None = None,
+        **space: Any,
+    ) -> DecisionTree:
+        """Make our tree of a fitted one of scikit-learn's: see `sympol.trees.from_sklearn`."""
+        from .from_sklearn import from_sklearn
+
+        return from_sklearn(estimator, actions, feature_names=feature_names, **space)
+
     def to_sklearn(self) -> DecisionTreeClassifier | DecisionTreeRegressor:
         """Make a fitted scikit-learn estimator: see `sympol.trees.export.sklearn`."""
         from .export.sklearn import to_sklearn
