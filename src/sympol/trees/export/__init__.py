@@ -32,8 +32,19 @@ class Format:
 
 FORMATS: Mapping[str, Format] = {
     "python": Format("Python, without dependencies", ".py", "export.python:to_python"),
+    "c": Format("C99, no allocation, no library", ".c", "export.c:to_c"),
+    "c-header": Format("the header of the C file", ".h", "export.c:to_c_header"),
+    "rust": Format("Rust, no_std, no dependencies", ".rs", "export.rust:to_rust"),
+    "javascript": Format("JavaScript, an ES module", ".js", "export.javascript:to_javascript"),
+    "sql": Format("SQL, a query of PostgreSQL or SQLite", ".sql", "export.sql:to_sql"),
+    "onnx": Format("ONNX, for onnxruntime", ".onnx", "export.onnx:to_onnx", binary=True),
+    "treelite": Format("a Treelite model", ".treelite", "export.treelite:to_treelite", binary=True),
     "json": Format("JSON, read again by DecisionTree.from_json", ".json", "serialize:to_json"),
     "text": Format("text, for people", ".txt", "text:to_text"),
+    "markdown": Format("a Markdown table of rules", ".md", "export.markdown:to_markdown"),
+    "mermaid": Format("a Mermaid flowchart", ".mmd", "export.mermaid:to_mermaid"),
+    "dot": Format("a Graphviz graph", ".dot", "export.dot:to_dot"),
+    "latex": Format("a LaTeX picture, by forest", ".tex", "export.latex:to_latex"),
 }
 
 

@@ -1,0 +1,43 @@
+"""A tree as a Graphviz graph: ``dot -Tsvg tree.dot``.
+
+Names come from strangers. They stand in quoted strings, in which a quote, a backslash and an ampersand (Graphviz
+reads HTML's entities there) are escaped, and nowhere else.
+"""
+
+from __future__ import annotations
+
+from ..text import leaf_words, question, visit_share
+from ..tree import DecisionTree
+
+_HEADER = """\
+// a decision tree policy, written by sympol; draw it: dot -Tsvg tree.dot -o tree.svg
+digraph tree {
+  graph [ordering=out];
+  node [shape=box, fontname="Helvetica"];
+  edge [fontname="Helvetica"];"""
+
+
+def to_dot(tree: DecisionTree, *, digits: int | None = None) -> str:
+    """Write the graph, yes to the left of no; what a leaf does has round corners, with the share of visits.
+
+    Thresholds are written as by `sympol.trees.text`, in ``digits`` significant digits.
+    """
+    lines = [_HEADER]
+    for node in range(tree.n_nodes):
+        if tree.is_leaf[node]:
+            parts = [*leaf_words(tree, node, digits), visit_share(tree, node)]
+            # joined by a line break of Graphviz's own, which no name can write
+            words = "\\n".join(_escaped(part) for part in parts if part)
+            lines.append(f'  n{node} [label="{words}", style=rounded];')
+            continue
+        asked = question(tree, node, digits)
+        lines += [
+            f'  n{node} [label="{_escaped(asked.words)}"];',
+            f'  n{node} -> n{asked.yes_child} [label="yes"];',
+            f'  n{node} -> n{asked.no_child} [label="no"];',
+        ]
+    return "\n".join([*lines, "}", ""])
+
+
+def _escaped(words: str) -> str:
+    return words.replace("&", "&amp;").replace("\\", "\\\\").replace('"', '\\"')
