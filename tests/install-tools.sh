@@ -13,9 +13,17 @@ want chromium chromium
 want gcc cc
 want rustc rustc
 want nodejs node
+want graphviz dot
 want gcc-arm-none-eabi arm-none-eabi-gcc
 want gcc-avr avr-gcc
 want avr-libc avr-gcc
+
+# Mermaid itself, which draws what is exported for it: from the npm registry, and without it one test is skipped
+node_modules="$HOME/.cache/sympol-tests"
+if [ ! -d "$node_modules/node_modules/mermaid" ] && command -v npm >/dev/null 2>&1; then
+    npm install --silent --ignore-scripts --prefix "$node_modules" mermaid@12 >/dev/null 2>&1 ||
+        echo "not installed, so the test that needs it is skipped: mermaid" >&2
+fi
 [ -z "$missing" ] && exit 0
 
 if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null 2>&1; then
