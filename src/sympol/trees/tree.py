@@ -261,6 +261,21 @@ class DecisionTree:
 
         return from_json(text)
 
+    @classmethod
+    def from_text(
+        cls, text: str, *, like: DecisionTree | None = None, actions: ActionSpec | None = None, **space: Any
+    ) -> DecisionTree:
+        """Read a tree that `to_text` wrote, or somebody by hand: see `sympol.trees.read_text`."""
+        from .read_text import from_text
+
+        return from_text(text, like=like, actions=actions, **space)
+
+    def to_html(self) -> str:
+        """Write a web page to see, ask and fold the tree: see `sympol.trees.report`."""
+        from .report import to_html
+
+        return to_html(self)
+
     def export(self, to: str, **options: Any) -> str | bytes:
         """Write the tree in one of the formats of `sympol.trees.export.FORMATS`: ``"python"``, ``"c"``, …."""
         from .export import format_of
