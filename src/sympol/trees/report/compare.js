@@ -1,0 +1,1 @@
+// Several policies beside each other.

@@ -1,0 +1,199 @@
+"""A tree as the page needs it: its nodes with the words, colours and pictures of each, its features, its programs."""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..actions import BoxActions, MultiDiscreteActions
+from ..floats import number, printable, shortest
+from ..plot import COLOURS, leaf_colours
+from ..plot_boxes import readable_on
+from ..plot_view import glyph, view_side
+from ..text import Choice, asked_group, leaf_conditions, leaf_words, question, rule_words
+from ..tree import DecisionTree
+from .features import features_data, importance
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32
+
+    from ..text import Conditions
+
+DIGITS = 4
+"""Of thresholds in the picture; sentences and programs have them exactly."""
+MOST_NODES = 5000
+
+
+def policy_data(
+    tree: DecisionTree, seen: Float32[np.ndarray, "batch features"] | None = None
+) -> dict[str, Any]:
+    """Describe a tree for the page; ``seen`` are visited observations, which the sliders have to reach.
+
+    Raises:
+        ValueError: more nodes than a page can show.
+    """
+    if tree.n_nodes > MOST_NODES:
+        raise ValueError(
+            f"at most {MOST_NODES} nodes can be shown in a page, got {tree.n_nodes}; prune the tree first"
+        )
+    leaves = {leaf: (rule_words(tree, leaf, known), known) for leaf, known in leaf_conditions(tree)}
+    colours = leaf_colours(tree)
+    nodes = [
+        _leaf(tree, node, *leaves[node], colours[node]) if leaf else _inner(tree, node)
+        for node, leaf in enumerate(tree.is_leaf)
+    ]
+    return {
+        "nodes": nodes,
+        "order": list(leaves),
+        "visits": None if tree.n_node_samples is None else tree.n_node_samples.tolist(),
+        "features": features_data(tree, seen),
+        "groups": [
+            {
+                "name": printable(group.name),
+                "features": group.features,
+                "categories": [printable(category) for category in group.categories],
+            }
+            for group in tree.groups
+        ],
+        "side": view_side(tree.groups),
+        "glyphs": _glyphs(tree),
+        "legend": _legend(tree),
+        "importance": importance(tree),
+        "depth": tree.depth,
+    }
+
+
+def packed(observations: Float32[np.ndarray, "steps features"]) -> str:
+    """Write observations row by row as little-endian float32 in base64: exact, and half as long as digits."""
+    return base64.b64encode(np.ascontiguousarray(observations, dtype="<f4").tobytes()).decode()
+
+
+def _inner(tree: DecisionTree, node: int) -> dict[str, Any]:
+    asked, group = question(tree, node, DIGITS), asked_group(tree, node)
+    feature = int(tree.feature[node])
+    described: dict[str, Any] = {
+        "feature": feature,
+        "threshold": shortest(tree.threshold[node]),
+        "left": int(tree.children_left[node]),
+        "right": int(tree.children_right[node]),
+        "yes": asked.yes_child,
+        "words": question(tree, node).words,
+    }
+    if group is None:
+        name = printable(tree.feature_names[feature])
+        return described | {"lines": [name, f"≤ {number(tree.threshold[node], DIGITS)}"]}
+    described["lines"] = [asked.words]
+    if group.cell is not None:
+        category = group.categories[group.features.index(feature)]
+        described["view"] = {"cell": group.cell, "glyph": _seen_in_cells(tree).index(category)}
+    return described
+
+
+def _leaf(
+    tree: DecisionTree, leaf: int, rule: str, known: Conditions, colours: tuple[str, ...]
+) -> dict[str, Any]:
+    words = leaf_words(tree, leaf, DIGITS)
+    return {
+        "lines": words,
+        "words": ", ".join(leaf_words(tree, leaf)),
+        "colours": [[colour, readable_on(colour)] for colour in colours],
+        "rule": rule,
+        "region": [_condition(about, condition) for about, condition in known.items()],
+        "answer": _answer(tree, leaf, colours),
+    }
+
+
+def _condition(about: Any, condition: Any) -> dict[str, Any]:
+    """Say one condition of a region; of a number with its ends, which are drawn."""
+    if isinstance(condition, Choice):
+        return {"words": condition.words()}
+    above, most = (None if end is None else shortest(end) for end in (condition.above, condition.most))
+    return {"words": condition.words(), "feature": about, "above": above, "most": most}
+
+
+def _answer(tree: DecisionTree, leaf: int, colours: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Describe what a leaf answers, component by component: chances of options, or a number in its range."""
+    actions, value = tree.actions, tree.value[leaf : leaf + 1]
+    if isinstance(actions, BoxActions):
+        return _numbers(actions, np.ravel(actions.decide(value)), colours)
+    chances = actions.probabilities(value)
+    if isinstance(actions, MultiDiscreteActions):
+        parts = zip(actions.names, actions.options, chances, strict=True)
+    else:
+        parts = [("", actions.names, chances)]
+    return [
+        {
+            "name": printable(name),
+            "bars": [
+                [printable(option), round(float(chance), 6), _colour(i)]
+                for i, (option, chance) in enumerate(zip(options, of_options[0], strict=True))
+            ],
+        }
+        for name, options, of_options in parts
+    ]
+
+
+def _numbers(
+    actions: BoxActions, decided: Float32[np.ndarray, " numbers"], colours: tuple[str, ...]
+) -> list[dict[str, Any]]:
+    stds = actions.std or (None,) * actions.n_outputs
+    parts = zip(actions.names, decided, actions.low, actions.high, stds, colours, strict=True)
+    return [
+        {
+            "name": printable(name),
+            "value": shortest(value),
+            "words": number(value, DIGITS) + ("" if std is None else f" ± {number(std, 2)} noise"),
+            "low": _finite(low),
+            "high": _finite(high),
+            "colour": colour,
+        }
+        for name, value, low, high, std, colour in parts
+    ]
+
+
+def _legend(tree: DecisionTree) -> list[dict[str, Any]]:
+    """Say which colour is which action, where there are few."""
+    actions = tree.actions
+    if isinstance(actions, BoxActions):
+        return []
+    components = actions.options if isinstance(actions, MultiDiscreteActions) else (actions.names,)
+    names = actions.names if isinstance(actions, MultiDiscreteActions) else ("",)
+    return [
+        {
+            "name": printable(name),
+            "options": [[printable(option), _colour(i)] for i, option in enumerate(options)],
+        }
+        for name, options in zip(names, components, strict=True)
+    ]
+
+
+def _glyphs(tree: DecisionTree) -> list[dict[str, Any]]:
+    """Draw every category that there is in a cell, as lines through points of the unit square."""
+    return [{"category": printable(category), "lines": _lines(category)} for category in _seen_in_cells(tree)]
+
+
+def _seen_in_cells(tree: DecisionTree) -> list[str]:
+    return list(dict.fromkeys(c for group in tree.groups if group.cell for c in group.categories))
+
+
+def _lines(category: str) -> list[dict[str, Any]]:
+    return [
+        {
+            "points": np.round(line.points, 3).tolist(),
+            "fill": line.fill,
+            "line": line.line,
+            "width": line.width,
+        }
+        for line in glyph(category)
+    ]
+
+
+def _colour(option: int) -> str:
+    return COLOURS[option % len(COLOURS)]
+
+
+def _finite(x: float) -> float | None:
+    return shortest(x) if math.isfinite(x) else None
