@@ -9,10 +9,14 @@ from ..envs.spec import EnvSpec
 from ..runs.about import CONFIG, RunError
 from ..runs.folder import Run
 from ..trees import DecisionTree
+from ..trees.read_text import FENCE, read_header
 
 
 def tree_from(path: Path) -> DecisionTree:
-    """The tree of a run's folder or of a .json file; no environment is made.
+    """The tree of a run's folder, or of a .json or .txt file.
+
+    What features and actions a .txt is about, its header says (`sympol.trees.read_text`), itself or by naming an
+    environment; without a header, the policy.json beside it does.
 
     Raises:
         RunError: nothing is there, or what is there holds no tree; the message says what to do.
@@ -20,13 +24,41 @@ def tree_from(path: Path) -> DecisionTree:
     if path.is_dir() or not path.suffix:
         return Run.open(path).load_tree()
     try:
-        return DecisionTree.from_json(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        return _from_text(path, text) if path.suffix == ".txt" else DecisionTree.from_json(text)
     except FileNotFoundError as error:
-        raise RunError(f"there is no {path}; give a run's folder, or a policy.json") from error
+        raise RunError(
+            f"there is no {path}; give a run's folder, a policy.json, or a listing in a .txt"
+        ) from error
     except OSError as error:
         raise RunError(f"{path} cannot be read: {error.strerror or error}") from error
     except ValueError as error:
         raise RunError(f"{path} cannot be read: {error}") from error
+
+
+def _from_text(path: Path, text: str) -> DecisionTree:
+    header = read_header(text).content
+    if "features" in header:
+        return DecisionTree.from_text(text)
+    if "env" in header:
+        spec = _environment(path, header["env"], None)
+        features = spec.features
+        return DecisionTree.from_text(
+            text,
+            actions=spec.actions,
+            feature_names=features.names,
+            feature_low=features.low,
+            feature_high=features.high,
+            groups=features.groups,
+            integers=features.integers,
+        )
+    beside = path.with_name("policy.json")
+    if not beside.exists():
+        raise RunError(
+            f"nothing says which features and actions {path} is about: begin it with a header, such as the three "
+            f'lines {FENCE} / env = "CartPole-v1" / {FENCE}, or put it beside a policy.json'
+        )
+    return DecisionTree.from_text(text, like=tree_from(beside))
 
 
 def spec_from(path: Path, tree: DecisionTree) -> EnvSpec:
@@ -36,21 +68,30 @@ def spec_from(path: Path, tree: DecisionTree) -> EnvSpec:
         RunError: it is in no run and names none, or one that is not known here, or one with other features.
     """
     folder = path if path.is_dir() else path.parent
-    name, kwargs = tree.meta.get("env"), tree.meta.get("env_kwargs")
     if (folder / CONFIG).exists():
         spec = Run.open(folder).resolve_env()
-    elif not isinstance(name, str):
+    elif "env" in tree.meta:
+        spec = _environment(path, tree.meta["env"], tree.meta.get("env_kwargs"))
+    else:
         raise RunError(
             f'nothing says where the tree of {path} acts: it is in no run\'s folder, and its "meta" has no "env"'
         )
-    else:
-        try:
-            spec = resolve(name, env_kwargs=kwargs if isinstance(kwargs, dict) else None)
-        except UnknownEnvironment as error:
-            raise RunError(f"{path} acts on {name!r}, which is not known here: {error}") from error
     if len(spec.features.names) != tree.n_features:
         raise RunError(
             f"the tree of {path} looks at {tree.n_features} features, but {spec.name} has "
             f"{len(spec.features.names)}"
         )
     return spec
+
+
+def _environment(path: Path, name: object, kwargs: object) -> EnvSpec:
+    """The environment that a file names. The file may be a stranger's: it has nothing imported."""
+    if not isinstance(name, str) or ":" in name:
+        raise RunError(
+            f"{path} names the environment {name!r}; a file may name one by its Gymnasium id, and "
+            "have no module imported"
+        )
+    try:
+        return resolve(name, env_kwargs=kwargs if isinstance(kwargs, dict) else None)
+    except UnknownEnvironment as error:
+        raise RunError(f"{path} acts on {name!r}, which is not known here: {error}") from error

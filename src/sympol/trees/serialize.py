@@ -129,7 +129,7 @@ def _read(document: object) -> DecisionTree:
         _fields(feature, f"features[{i}]", "name", "low", "high", optional="integer")
         for i, feature in enumerate(_list(document["features"], "features"))
     ]
-    actions = _read_actions(document["actions"])
+    actions = read_actions(document["actions"])
     return DecisionTree(
         **_read_nodes(_list(document["nodes"], "nodes"), actions.n_outputs),
         actions=actions,
@@ -167,7 +167,8 @@ def _read_cell(cell: object, where: str) -> tuple[int, int]:
     return row, column
 
 
-def _read_actions(spec: object) -> ActionSpec:
+def read_actions(spec: object) -> ActionSpec:
+    """Read what the document says of actions. Raises ValueError where it says it in no form that there is."""
     kind = spec.get("type") if isinstance(spec, dict) else None
     if kind == "discrete":
         spec = _fields(spec, "actions", "type", "start", "names")
