@@ -22,6 +22,18 @@ def _distill(arguments: Sequence[str]) -> int:
     return distill(arguments)
 
 
+def _report(arguments: Sequence[str]) -> int:
+    from .report import report
+
+    return report(arguments)
+
+
+def _compare(arguments: Sequence[str]) -> int:
+    from .report import compare
+
+    return compare(arguments)
+
+
 def _tune(arguments: Sequence[str]) -> int:
     from .tune import tune
 
@@ -34,6 +46,8 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "eval": read.evaluate,
     "watch": watch.watch,
     "export": read.export,
+    "report": _report,
+    "compare": _compare,
     "resume": train.resume,
     "distill": _distill,
     "bench": _bench,

@@ -10,11 +10,12 @@ from typing import Any, TypeAlias
 
 from rich.markup import escape
 
-from ..agents import Agent, load
+from ..agents import load
 from ..distill.picture import plot_soft_tree
 from ..distill.soft_text import soft_text
 from ..distill.soft_view import SoftView
 from ..evaluate import evaluate_policy
+from ..reports import policy_of
 from ..runs.about import RunError
 from ..runs.folder import Run
 from ..runs.progress import decimals
@@ -28,11 +29,6 @@ from .say import err, one_line_errors, out, summary_words
 PICTURES = ("svg", "pdf", "png")
 Texts: TypeAlias = Mapping[str, Callable[[], str | bytes]]
 Draw: TypeAlias = Callable[[Path], object]
-
-
-def policy_of(run: Run) -> Agent | DecisionTree:
-    """What acts: the tree, which needs nothing else to be read, or the agent whose policy is none."""
-    return run.load_tree() if run.has_tree else load(run.path)
 
 
 @one_line_errors()

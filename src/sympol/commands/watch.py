@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from rich.markup import escape
 
 from ..evaluate import watch as make_film
+from ..reports import policy_of
 from ..runs.about import RunError
 from ..runs.folder import Run
 from .arguments import Watch
 from .parse import parse
-from .read import policy_of
 from .say import err, one_line_errors, out
 
 FILE = "episode.gif"

@@ -29,7 +29,10 @@ def to_html(tree: DecisionTree) -> str:
         "curve": None,
         "checks": None,
         "programs": programs_data(tree),
-        "provenance": {"rows": rows or [["tree", "given without a word on where it comes from"]], "config": None},
+        "provenance": {
+            "rows": rows or [["tree", "given without a word on where it comes from"]],
+            "config": None,
+        },
     }
     return write_page(title, "report", data)
 

@@ -20,7 +20,11 @@ def programs_data(tree: DecisionTree) -> list[dict[str, str]]:
             continue
         try:
             text = form.write(tree)
-        except (ImportError, ValueError, TypeError):  # a library that is lacking, or a tree it has no form for
+        except (
+            ImportError,
+            ValueError,
+            TypeError,
+        ):  # a library that is lacking, or a tree it has no form for
             continue
         if isinstance(text, str) and len(text) <= min(LARGEST, room):
             programs.append({"name": name, "title": form.title, "suffix": form.suffix, "text": text})

@@ -1,0 +1,112 @@
+"""Episodes as the page plays them: what was observed, done and earned at each step, and what it looked like."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from ..agents import Agent
+from ..envs.spec import EnvSpec
+from ..film.rendering import CannotRender, frame_of, rendering
+from ..film.steps import steps
+from ..play import TEST, acting, require_host
+from ..trees import DecisionTree
+from ..trees.report import packed
+from .frames import Frames, within_budget
+
+DRAWN = ("CartPole-v1", "Pendulum-v1", "Acrobot-v1", "MountainCar-v0", "MountainCarContinuous-v0")
+"""What the page draws itself out of the observations (drawings.js)."""
+_FPS, _SLOWEST_FPS, _SECONDS = 30.0, 2.0, 8.0
+_DIGITS = 3
+
+
+def drawing_of(spec: EnvSpec) -> str | None:
+    """Return which of its own drawings the page makes of an environment, None where it needs frames."""
+    return spec.name if spec.name in DRAWN and not spec.env_kwargs else None
+
+
+def filmed(
+    policies: Sequence[Agent | DecisionTree],
+    spec: EnvSpec,
+    seeds: Sequence[int],
+    tell: Callable[[str], None],
+) -> tuple[list[list[dict[str, Any]]], float]:
+    """Play an episode a seed with each policy; return them, policy by policy, and the steps to show in a second.
+
+    Frames are kept where the page cannot draw the environment and it draws itself; all of them together are
+    small enough for a page.
+    """
+    require_host(spec)
+    films: list[Frames] = []
+    with _shown(spec) as (env, draws):
+        all_played = []
+        for policy in policies:
+            answers = acting(policy, spec, True, np.random.default_rng([0, TEST]))
+            played = []
+            for seed in seeds:
+                tell(f"playing episode {len(played) + 1} of {len(seeds)}")
+                frames = Frames() if draws else None
+                episode = _played(lambda x, act=answers: act(x[None])[0], spec, env, seed, frames)
+                films += [] if frames is None else [frames]
+                played.append((episode, frames))
+            all_played.append(played)
+        own_fps = float(env.metadata.get("render_fps") or _FPS)
+    within_budget(films)
+    episodes = [
+        [episode | {"frames": None if frames is None else frames.data()} for episode, frames in played]
+        for played in all_played
+    ]
+    longest = max(episode["length"] for played in episodes for episode in played)
+    return episodes, min(own_fps, _FPS, max(_SLOWEST_FPS, longest / _SECONDS))
+
+
+@contextlib.contextmanager
+def _shown(spec: EnvSpec) -> Iterator[tuple[gymnasium.Env, bool]]:
+    """Make the environment, and say whether its frames are to be kept."""
+    assert spec.make_host is not None
+    if drawing_of(spec) is None:
+        with contextlib.ExitStack() as stack:
+            try:
+                env = stack.enter_context(rendering(spec))
+            except CannotRender:
+                env = None
+            if env is not None:
+                yield env, True
+                return
+    env = spec.make_host()
+    yield env, False
+    if not spec.has_one_copy:
+        env.close()
+
+
+def _played(
+    act: Callable[[np.ndarray], Any],
+    spec: EnvSpec,
+    env: gymnasium.Env,
+    seed: int,
+    frames: Frames | None,
+) -> dict[str, Any]:
+    """Play one episode; its last observation is the one on which nothing was done any more."""
+    observed, said, earned, end = [], [], [], ""
+    for now in steps(lambda observation: act(spec.features.flatten(observation)), spec, env, seed):
+        observed.append(spec.features.flatten(now.observation))
+        earned.append(round(now.earned, 6))
+        end = now.end
+        if not end:
+            said.append(", ".join(spec.actions.words(now.action, digits=_DIGITS)))
+        if frames is not None and (end or frames.wants(now.step)):
+            frames.add(now.step, frame_of(env, spec))
+    words = list(dict.fromkeys(said))
+    return {
+        "seed": seed,
+        "length": len(said),
+        "end": end,
+        "observations": packed(np.stack(observed)),
+        "earned": earned,
+        "said": words,
+        "says": [words.index(one) for one in said],
+    }
