@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
+    from .verify.properties import Said
+    from .verify.verdict import Verdict
+
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,6 +225,15 @@ class DecisionTree:
 
         small = prune(self, bounds=bounds, merge=merge)
         return small if observations is None else prune_on(small, observations, merge=merge)
+
+    def verify(self, *said: Said) -> tuple[Verdict, ...]:
+        """Prove rules such as ``"when pole angle > 0.1 then action is push right"``: see `sympol.trees.verify`.
+
+        Each is a rule, a `sympol.trees.verify.Property`, or the path of a file of properties.
+        """
+        from .verify import verify
+
+        return verify(self, said)
 
     def to_text(self, *, digits: int | None = None) -> str:
         """Write the tree for people: see `sympol.trees.text`."""
