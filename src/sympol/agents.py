@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -17,6 +17,7 @@ from .algos.config import Config
 from .algos.network import outputs
 from .algos.presets import DEFAULT, preset
 from .algos.report import metrics_of, require_finite
+from .algos.start import Start, start_of
 from .algos.state import TrainState
 from .algos.train import make_trainer, stops
 from .algos.trainer import Trainer
@@ -63,12 +64,15 @@ class Agent(abc.ABC):
         groups: Features that are one-hot together, idem.
         backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else through envpool where
             that has it and is installed, else on Gymnasium; ``"jax"``, ``"envpool"`` and ``"host"`` insist.
+        start: A tree to train on from, instead of a random one; or a `Start`, which says more. The depth is by default
+            that of the preset or, where that is less, of the tree.
+        freeze: Nodes of the tree to start from that stay as they are.
         config: Any field of `Config`, in place of the preset's.
 
     Raises:
         ConfigError: a hyperparameter that breaks its rule.
         UnknownEnvironment: no environment has this id.
-        ValueError: an unsupported space.
+        ValueError: an unsupported space, or a tree to start from that is not for this environment.
     """
 
     algorithm: ClassVar[str]
@@ -86,6 +90,8 @@ class Agent(abc.ABC):
         action_names: Sequence[str] | None = None,
         groups: Sequence[Group] | None = None,
         backend: Backend = "auto",
+        start: DecisionTree | Start | None = None,
+        freeze: Iterable[int] = (),
         **config: Any,
     ) -> None:
         if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
@@ -104,7 +110,11 @@ class Agent(abc.ABC):
         )
         self.seed = int(seed)
         self.preset = preset
-        self.config = _config(self.spec, preset, {"algorithm": self.algorithm, "policy": policy, **config})
+        self.start: Start | None = start_of(start, freeze, self.spec)
+        """The tree that training begins with; None where it begins with a random policy."""
+        self.config = _config(
+            self.spec, preset, {"algorithm": self.algorithm, "policy": policy, **config}, self.start
+        )
         self.state: TrainState | None = None
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
@@ -145,7 +155,7 @@ class Agent(abc.ABC):
             )
         callbacks = [callback] if callable(callback) else list(callback or ())
         use_disk_cache()
-        trainer = make_trainer(self.spec, self.config, self.seed)
+        trainer = make_trainer(self.spec, self.config, self.seed, self.start)
         try:
             with ProgressBar(self.config.total_timesteps, self.num_timesteps, show=progress_bar) as bar:
                 self.compile_seconds = trainer.compile()
@@ -159,7 +169,8 @@ class Agent(abc.ABC):
 
     def _learn(self, trainer: Trainer, callbacks: list[Callback], bar: ProgressBar) -> None:
         began, first = time.perf_counter(), self.num_timesteps
-        for stop in stops(self.config):
+        at_once = () if self.start is None else (1,)  # what is begun with is the first to be validated
+        for stop in (*at_once, *stops(self.config)):
             if self.num_timesteps >= stop:
                 continue
             state = trainer.advance(self.state, stop)
@@ -211,6 +222,8 @@ class Agent(abc.ABC):
     def actions(self) -> ActionSpec:
         """What the outputs mean, the standard deviation of continuous actions included."""
         actions = self.spec.actions
+        if self.state is None and self.start is not None:
+            return self.start.tree.actions
         if not isinstance(actions, BoxActions):
             return actions
         return replace(actions, std=tuple(np.exp(np.asarray(self.actor.log_std)).tolist()))
@@ -230,12 +243,13 @@ class Agent(abc.ABC):
 
         Pruning changes no action for any observation within the space's bounds; where all observations there can be
         are listed (MiniGrid's small tasks), for any of those. ``prune=False`` is the complete tree of depth
-        ``config.depth``, with the leaf distributions as trained.
+        ``config.depth``, with the leaf distributions as trained. Before `learn` it is the tree to start from.
 
         Raises:
-            RuntimeError: before `learn`, or of a policy that is no tree.
+            RuntimeError: before `learn` if there is nothing to start from, or of a policy that is no tree.
         """
-        self._trained()
+        if self.start is None:
+            self._trained()
         if not self.has_tree:
             raise RuntimeError(
                 f"{self.config.policy} is no tree; make one of it with `sympol distill` or sympol.distill_policy"
@@ -254,7 +268,15 @@ class Agent(abc.ABC):
         Raises:
             RunError: a folder of that name that is not a run, or cannot be written.
         """
-        run = Run.create(Path(path), self.spec, self.config, self.seed, preset=self.preset, overwrite=True)
+        run = Run.create(
+            Path(path),
+            self.spec,
+            self.config,
+            self.seed,
+            preset=self.preset,
+            overwrite=True,
+            start=self.start,
+        )
         if self.state is not None:
             run.save_checkpoint(self.state)
             if self.has_tree:
@@ -274,6 +296,8 @@ class Agent(abc.ABC):
         }
 
     def _extract(self) -> DecisionTree:
+        if self.state is None and self.start is not None:
+            return self.start.tree
         normalizer, actor = self._trained().normalizer, self.actor
         assert isinstance(actor, Tree)
         shift, scale = (np.asarray(part) for part in normalizer)
@@ -297,10 +321,17 @@ class A2C(Agent):
 AGENTS: dict[str, type[Agent]] = {agent.algorithm: agent for agent in (PPO, A2C)}
 
 
-def agent_of(spec: EnvSpec, config: Config, seed: int) -> Agent:
-    """An agent of the config's algorithm, its config just that."""
+def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = None) -> Agent:
+    """An agent of the config's algorithm, its config just that, that begins with ``start`` if there is one.
+
+    Raises:
+        ConfigError, ValueError: the tree to start from fits neither config nor environment.
+    """
     agent = AGENTS[config.algorithm](config.policy, spec, seed=seed)
     agent.config = config
+    if start is not None:
+        start.check(config)
+        agent.start = start.fitted(spec)
     return agent
 
 
@@ -316,10 +347,10 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
     """
     run = Run.open(Path(path))
     run.require_training()
-    agent = agent_of(run.resolve_env(env), run.config, run.seed)
+    agent = agent_of(run.resolve_env(env), run.config, run.seed, run.load_start())
     agent.preset = run.about["preset"]
     here = replace(agent.config, num_devices=1)  # to read it, a machine need not have as many as trained it
-    trainer = make_trainer(agent.spec, here, agent.seed)
+    trainer = make_trainer(agent.spec, here, agent.seed, agent.start)
     try:
         agent.state = run.load_checkpoint(trainer.template())
     finally:
@@ -327,8 +358,13 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
     return agent
 
 
-def _config(spec: EnvSpec, name: str, overrides: dict[str, Any]) -> Config:
+def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | None) -> Config:
     values = preset(spec.name, name, policy=overrides["policy"], algorithm=overrides["algorithm"])
     if spec.has_one_copy:
         values = {**values, "num_envs": 1}
-    return Config.from_dict({**values, **overrides})
+    if start is not None and overrides["policy"] == "tree":
+        values = start.deepened(values)
+    config = Config.from_dict({**values, **overrides})
+    if start is not None:
+        start.check(config)
+    return config

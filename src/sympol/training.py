@@ -49,6 +49,7 @@ def finish(
         **_size(agent),
         "validation_return": float(validation.best_return),
         "best_timestep": int(validation.best_timestep),
+        **({} if agent.start is None else {"start": agent.start.about()}),
     }
     if tested is not None and sampled is not None:
         summary |= {

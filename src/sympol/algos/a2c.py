@@ -13,7 +13,8 @@ from ..policies.distributions import Distribution
 from ..types import Transition
 from .batch import Batch, coefficients, divide, make_batch
 from .config import Config, Hyperparameters
-from .optimizer import Networks, apply_gradients
+from .held import apply_gradients_but, held
+from .optimizer import Networks
 from .state import Losses, TrainState
 
 
@@ -44,7 +45,9 @@ def learn(
 
     zeros = (jax.tree.map(jnp.zeros_like, state.networks), Losses.zeros())
     gradient, losses = divide(jax.lax.fori_loop(0, num_chunks, add, zeros), num_chunks)
-    networks, opt_state = apply_gradients(state.networks, gradient, state.opt_state, hyper, rate)
+    networks, opt_state = apply_gradients_but(
+        held(config, state), state.networks, gradient, state.opt_state, hyper, rate
+    )
     return state._replace(networks=networks, opt_state=opt_state, losses=losses)
 
 

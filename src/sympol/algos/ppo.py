@@ -14,7 +14,8 @@ from ..policies.distributions import Distribution
 from ..types import Transition
 from .batch import Batch, coefficients, divide, make_batch
 from .config import Config, Hyperparameters
-from .optimizer import Networks, apply_gradients
+from .held import apply_gradients_but, held
+from .optimizer import Networks
 from .state import Losses, TrainState
 
 
@@ -34,6 +35,7 @@ def learn(
     """
     samples = make_batch(config, distribution, hyper, state.networks, rollout, next_x, 1 << stage)
     ent_coef, rate = coefficients(config, hyper, state)
+    still = held(config, state)
 
     # Accumulating micro-batches of one fixed shape makes any batch out of one compiled gradient.
     micro_size = config.chunk_size // config.num_minibatches
@@ -57,7 +59,7 @@ def learn(
             zeros = (jax.tree.map(jnp.zeros_like, networks), Losses.zeros())
             total = jax.lax.fori_loop(0, accumulate, add, zeros)
             gradient, aux = divide(total, accumulate)
-            networks, opt_state = apply_gradients(networks, gradient, opt_state, hyper, rate)
+            networks, opt_state = apply_gradients_but(still, networks, gradient, opt_state, hyper, rate)
             return networks, opt_state, jax.tree.map(jnp.add, losses, aux)
 
         return jax.lax.fori_loop(0, num_micro // accumulate, update, carry)

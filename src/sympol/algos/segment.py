@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.sharding import Mesh
@@ -23,9 +24,12 @@ from . import a2c, ppo
 from .bounds import watch_bounds
 from .collect import collect, empty_rollout, reset_envs
 from .config import Config, Hyperparameters
+from .held import warming_up
 from .init import init_state, normalizer_of, purpose_key, refit_normalizer
+from .settle import settle
 from .sharding import divide_envs
-from .state import TrainState, tree_where
+from .start import plant
+from .state import Normalizer, TrainState, Warm, tree_where
 from .validate import validate
 
 LEARN = {"ppo": ppo.learn, "a2c": a2c.learn}
@@ -33,19 +37,24 @@ LEARN = {"ppo": ppo.learn, "a2c": a2c.learn}
 Segment = Callable[[Hyperparameters, Any, TrainState, Any, Any], TrainState]
 
 
-def make_segment(env: Env, config: Config, mesh: Mesh | None = None) -> tuple[Segment, TrainState]:
+def make_segment(
+    env: Env, config: Config, mesh: Mesh | None = None, *, warm: bool = False
+) -> tuple[Segment, TrainState]:
     """The function ``segment(hyper, seed, state, first, stop)`` and a state of zeros to start it with.
 
     With ``first`` the state's values are ignored and a new training begins. A pure function: jit it, vmap it
     over ``hyper`` and ``seed``. ``config`` gives what is static; its traced numbers are not looked at.
-    With a ``mesh`` the environments are divided among its devices.
+    With a ``mesh`` the environments are divided among its devices. With ``warm`` the new training begins with the
+    actor of ``state`` (`sympol.algos.start`).
     """
     distribution = distribution_of(env.action_space)
-    normalizer, bounded = normalizer_of(env.observation_space, config)
+    scaling = normalizer_of(env.observation_space, config)
     bounds = env.observation_space
 
     def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
-        state = init_state(config, distribution, normalizer, hyper, seed)
+        state = init_state(config, distribution, scaling[0], hyper, seed)
+        if warm:
+            state = state._replace(warm=Warm.create(config.depth))
         key, reset_key = jax.random.split(jax.random.wrap_key_data(state.key))
         env_state, observation = reset_envs(env, reset_key, config.num_envs)
         return state._replace(key=jax.random.key_data(key), env_state=env_state, observation=observation)
@@ -59,12 +68,15 @@ def make_segment(env: Env, config: Config, mesh: Mesh | None = None) -> tuple[Se
         state, rollout = collect(env, distribution, state, rollout, 1 << k, collect_key)
         next_x = state.normalizer(state.observation)
         state = watch_bounds(bounds, state, rollout, 1 << k)
-        return improve(config, distribution, bounded, hyper, state, rollout, next_x, k, learn_key), rollout
+        return improve(config, distribution, scaling, hyper, state, rollout, next_x, k, learn_key), rollout
 
     def segment(
         hyper: Hyperparameters, seed: Int[Array, ""], state: TrainState, first: Array, stop: Int[Array, ""]
     ) -> TrainState:
-        state = jax.lax.cond(first, lambda: begin(hyper, seed), lambda: state)
+        given = state
+        state = jax.lax.cond(first, lambda: begin(hyper, seed), lambda: given)
+        if warm:
+            state = jax.lax.cond(first, lambda: plant(state, given.networks.actor, given.warm), lambda: state)
         state = state._replace(episodes=state.episodes.reported())
         rollout = empty_rollout(env.observation_space.shape[0], distribution, config)
         rollout = jax.tree.map(lambda a: divide_envs(a, 2, mesh), rollout)
@@ -83,7 +95,7 @@ def make_segment(env: Env, config: Config, mesh: Mesh | None = None) -> tuple[Se
 def improve(
     config: Config,
     distribution: Distribution,
-    bounded: np.ndarray,
+    scaling: tuple[Normalizer, np.ndarray],
     hyper: Hyperparameters,
     state: TrainState,
     rollout: Transition,
@@ -97,9 +109,12 @@ def improve(
         return LEARN[config.algorithm](config, distribution, hyper, state, rollout, next_x, k, key)
 
     def warm_up(state: TrainState) -> TrainState:
-        return state._replace(normalizer=refit_normalizer(state.normalizer, rollout, bounded))
+        if state.warm is not None:
+            return settle(scaling, state, rollout, key)
+        return state._replace(normalizer=refit_normalizer(state.normalizer, rollout, scaling[1]))
 
-    state = update(state) if bounded.all() else jax.lax.cond(state.iteration == 0, warm_up, update, state)
+    goes_without = scaling[1].all() and state.warm is None
+    state = update(state) if goes_without else jax.lax.cond(state.iteration == 0, warm_up, update, state)
     return state._replace(timestep=state.timestep + (config.chunk_size << k), iteration=state.iteration + 1)
 
 
@@ -109,6 +124,8 @@ def with_score(config: Config, state: TrainState, score: Array) -> TrainState:
         score, state.timestep, state.networks.actor, reduce_lr=config.reduce_lr
     )
     networks = state.networks
+    if state.warm is not None:  # it cannot get better while only the critic learns
+        validation = validation._replace(num_bad=jnp.where(warming_up(config, state), 0, validation.num_bad))
     if config.rollback:
         halved = validation.lr_factor < state.validation.lr_factor
         networks = networks._replace(actor=tree_where(halved, validation.best_actor, networks.actor))

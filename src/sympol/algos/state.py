@@ -117,6 +117,23 @@ class Validation(NamedTuple):
         )
 
 
+class Warm(NamedTuple):
+    """What a training that started from a tree remembers of it (`sympol.algos.start`)."""
+
+    kept: Bool[Array, " nodes"]
+    """Splits that are the tree's; the others only filled up the complete tree."""
+    frozen_splits: Bool[Array, " nodes"]
+    frozen_leaves: Bool[Array, " leaves"]
+    critic_warmup: Float[Array, ""]
+    """The part of the training in which only the critic learns."""
+
+    @staticmethod
+    def create(depth: int) -> Warm:
+        """Of a tree that is still to come."""
+        nodes = jnp.zeros(2**depth - 1, bool)
+        return Warm(nodes, nodes, jnp.zeros(2**depth, bool), jnp.float32(0))
+
+
 class TrainState(NamedTuple):
     """See the module. ``env_state`` and ``observation`` are None where the host steps the environments.
 
@@ -136,6 +153,8 @@ class TrainState(NamedTuple):
     episodes: Episodes
     losses: Losses
     validation: Validation
+    warm: Warm | None = None
+    """None where training began with random networks."""
 
 
 def tree_where(condition: Bool[Array, "*batch"], if_true: Any, if_false: Any) -> Any:

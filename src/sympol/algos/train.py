@@ -16,6 +16,7 @@ from ..envs.spec import EnvSpec
 from .config import Config, ConfigError
 from .segment import make_segment
 from .sharding import make_mesh, put, shardings
+from .start import Start
 from .state import TrainState
 from .train_host import HostTrainer
 from .trainer import Compiled, Trainer
@@ -30,8 +31,13 @@ def stops(config: Config) -> list[int]:
 class CompiledTrainer(Trainer):
     """Of a pure-JAX environment: a segment is one call."""
 
-    def __init__(self, env: Env, config: Config, seed: int) -> None:
-        self._program, self._where = _program(env, config.static())
+    def __init__(self, env: Env, config: Config, seed: int, start: Start | None = None) -> None:
+        self._program, self._where = _program(env, config.static(), warm=start is not None)
+        template = self._program.template
+        self._begin_with = template
+        if start is not None:
+            actor, warm = start.parameters(config, seed)
+            self._begin_with = template._replace(networks=template.networks._replace(actor=actor), warm=warm)
         self._hyper, self._seed = config.hyperparameters(), np.uint32(seed)
 
     def compile(self) -> float:
@@ -47,42 +53,42 @@ class CompiledTrainer(Trainer):
         return self._program.template
 
     def _arguments(self, state: TrainState | None, stop: int) -> tuple[Any, ...]:
-        state, first = (self._program.template, True) if state is None else (state, False)
+        state, first = (self._begin_with, True) if state is None else (state, False)
         if self._where is not None:
             state = put(state, self._where)
         return self._hyper, self._seed, state, np.bool_(first), np.int32(stop)
 
 
-def _program(env: Env, config: Config) -> tuple[Compiled, TrainState | None]:
+def _program(env: Env, config: Config, *, warm: bool) -> tuple[Compiled, TrainState | None]:
     """The compiled segment, and where its state lies if not all of it on one device."""
     try:
         hash(env)
     except TypeError:  # nothing to know it by: compiled anew for each training
-        return _make_program(env, config)
-    return _known_program(env, config)
+        return _make_program(env, config, warm)
+    return _known_program(env, config, warm)
 
 
 @functools.lru_cache(maxsize=8)
-def _known_program(env: Env, config: Config) -> tuple[Compiled, TrainState | None]:
-    return _make_program(env, config)
+def _known_program(env: Env, config: Config, warm: bool) -> tuple[Compiled, TrainState | None]:
+    return _make_program(env, config, warm)
 
 
-def _make_program(env: Env, config: Config) -> tuple[Compiled, TrainState | None]:
+def _make_program(env: Env, config: Config, warm: bool) -> tuple[Compiled, TrainState | None]:
     if config.num_devices == 1:
-        return Compiled(*make_segment(env, config)), None
+        return Compiled(*make_segment(env, config, warm=warm)), None
     mesh = make_mesh(config.num_devices)
-    segment, template = make_segment(env, config, mesh)
+    segment, template = make_segment(env, config, mesh, warm=warm)
     where = shardings(mesh, template)
     return Compiled(segment, template, out_shardings=where), where
 
 
-def make_trainer(spec: EnvSpec, config: Config, seed: int) -> Trainer:
-    """Compiled where the environment is written in JAX, through the host otherwise."""
+def make_trainer(spec: EnvSpec, config: Config, seed: int, start: Start | None = None) -> Trainer:
+    """Compiled where the environment is written in JAX, through the host otherwise; from ``start`` if there is one."""
     if spec.env is not None:
-        return CompiledTrainer(spec.env, config, seed)
+        return CompiledTrainer(spec.env, config, seed, start)
     if config.num_devices > 1:
         raise ConfigError(
             f"num_devices must be 1 for {spec.name}, which the host steps, got {config.num_devices}; environments "
             "written in JAX can be spread over devices"
         )
-    return HostTrainer(spec, config, seed)
+    return HostTrainer(spec, config, seed, start)

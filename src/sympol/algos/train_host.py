@@ -21,6 +21,7 @@ from .collect_host import HostCollector
 from .config import Config, Hyperparameters
 from .init import init_state, normalizer_of
 from .segment import improve, with_score
+from .start import Start, plant
 from .state import Episodes, TrainState
 from .trainer import Compiled, Trainer
 
@@ -32,15 +33,18 @@ class HostTrainer(Trainer):
     depends on nothing that a checkpoint could not hold.
     """
 
-    def __init__(self, spec: EnvSpec, config: Config, seed: int) -> None:
+    def __init__(self, spec: EnvSpec, config: Config, seed: int, start: Start | None = None) -> None:
         self._config, self._seed, self._hyper = config, seed, config.hyperparameters()
         distribution = self._distribution = distribution_of(spec.action_space)
-        normalizer, bounded = normalizer_of(spec.features, config)
+        scaling = normalizer_of(spec.features, config)
         self._collector = HostCollector(spec, distribution, config)
+
+        planted = None if start is None else start.parameters(config, seed)
 
         @jax.jit
         def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
-            return init_state(config, distribution, normalizer, hyper, seed)
+            state = init_state(config, distribution, scaling[0], hyper, seed)
+            return state if planted is None else plant(state, *planted)
 
         def update(
             hyper: Hyperparameters, state: TrainState, rollout: Transition, observation: Array
@@ -58,7 +62,7 @@ class HostTrainer(Trainer):
             )
             next_x = state.normalizer(observation)
             state = watch_bounds(spec.features, state, rollout, 1 << k)
-            return improve(config, distribution, bounded, hyper, state, rollout, next_x, k, learn_key)
+            return improve(config, distribution, scaling, hyper, state, rollout, next_x, k, learn_key)
 
         @jax.jit
         def begin_segment(state: TrainState) -> TrainState:

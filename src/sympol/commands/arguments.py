@@ -45,6 +45,22 @@ class Train:
     """jax: inside the compiled program; envpool: through envpool; host: through Gymnasium; auto: the first of
     these that there is."""
 
+    start: Path | None = None
+    """A tree to train on from: a run's folder, or a policy.json (edited, written by hand). --depth is by default that
+    of the preset or, where that is less, of the tree."""
+
+    freeze_nodes: tuple[int, ...] = ()
+    """Nodes of the tree to start from that stay as they are, numbered as in policy.json, from 0, the root."""
+
+    freeze: Literal["rule"] | None = None
+    """rule: freeze the rule that sympol edit put on top of the tree to start from."""
+
+    start_confidence: float = 0.9
+    """How probable the action of a leaf is made at first where the tree to start from is all but sure of it."""
+
+    critic_warmup: float = 0.05
+    """The part of a training that starts from a tree in which only the critic learns."""
+
     eval_episodes: int = 20
     """Test episodes on Gymnasium at the end."""
 

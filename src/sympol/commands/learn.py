@@ -79,9 +79,10 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
 
 def _what(agent: Agent) -> str:
     config = agent.config
+    begun = "" if agent.start is None else f" from {agent.start.origin}"
     hidden = " × ".join(str(width) for width in config.actor_hidden)
     return {
-        "tree": f"a tree of depth {config.depth}",
+        "tree": f"a tree of depth {config.depth}{begun}",
         "sdt": f"a soft tree of depth {config.depth}",
         "mlp": f"an MLP ({hidden})",
     }[config.policy]

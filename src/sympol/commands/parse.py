@@ -16,6 +16,7 @@ import tyro
 from ..algos.config import Config
 from ..algos.presets import preset
 from .arguments import Train
+from .sources import tree_from
 
 Given = TypeVar("Given")
 
@@ -71,6 +72,8 @@ def parse_train(arguments: Sequence[str]) -> Train:
         first = parse(type(first), "train", [a for a in arguments if a not in asks])
     which = {"algorithm": first.config.algorithm, "policy": first.config.policy}
     values = preset(first.env, first.preset, **which)
+    if first.start is not None and first.config.policy == "tree":
+        values = {**values, "depth": max(values.get("depth", Config.depth), tree_from(first.start).depth)}
     return parse(Train, "train", arguments, Train("", config=Config.from_dict({**which, **values})))
 
 

@@ -18,6 +18,7 @@ from .arguments import Resume, Train
 from .learn import learn
 from .parse import env_kwargs, parse, parse_train
 from .say import err, one_line_errors, print_warning
+from .start import start_from
 
 
 @one_line_errors()
@@ -29,7 +30,7 @@ def train(arguments: Sequence[str]) -> int:
     if not given.env:
         raise ValueError("name an environment, as in: sympol train CartPole-v1")
     spec = resolve(given.env, env_kwargs=env_kwargs(given.env_kwargs), backend=given.backend)
-    agent = agent_of(spec, given.config, given.seed)
+    agent = agent_of(spec, given.config, given.seed, start_from(given))
     if given.resume:
         return _continue(_same_run(given, agent), given.eval_episodes, given.json)
     if given.tensorboard:
@@ -43,6 +44,7 @@ def train(arguments: Sequence[str]) -> int:
         preset=given.preset,
         eval_episodes=given.eval_episodes,
         overwrite=given.overwrite or _ask(path),
+        start=agent.start,
     )
     return learn(agent, run, given.eval_episodes, given.json, tensorboard=given.tensorboard)
 
@@ -63,7 +65,11 @@ def _same_run(given: Train, agent: Agent) -> Path:
     was = {"env": about["env"], "env_kwargs": about["env_kwargs"], "seed": run.seed, **run.config.to_dict()}
     spec = agent.spec
     now = {"env": spec.name, "env_kwargs": spec.env_kwargs, "seed": agent.seed, **agent.config.to_dict()}
+    begun, begins = run.load_start(), agent.start
+    was["start"], now["start"] = (None if start is None else start.about() for start in (begun, begins))
     changed = [f"{name} {was[name]}, not {now[name]}" for name in was if was[name] != now[name]]
+    if begun is not None and begins is not None and begun.tree != begins.tree:
+        changed.append(f"another tree in {begins.origin}")
     if changed:
         raise RunError(
             f"{run.path} was begun with {', '.join(changed)}; to go on with it as it was: sympol resume {run.path}"

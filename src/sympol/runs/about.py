@@ -32,8 +32,9 @@ _ABOUT = {
     "env_kwargs": dict,
     "groups": list,
     "distilled": dict,
+    "start": dict,
 }
-_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": [], "distilled": {}}
+_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": [], "distilled": {}, "start": {}}
 """What runs may lack, and what it was when they were made."""
 
 
@@ -42,7 +43,12 @@ class RunError(RuntimeError):
 
 
 def describe(
-    spec: EnvSpec, seed: int, preset: str, eval_episodes: int, distilled: Mapping[str, Any]
+    spec: EnvSpec,
+    seed: int,
+    preset: str,
+    eval_episodes: int,
+    distilled: Mapping[str, Any],
+    start: Mapping[str, Any],
 ) -> dict[str, Any]:
     """The table ``[run]``."""
     return {
@@ -58,6 +64,7 @@ def describe(
         "env_kwargs": dict(spec.env_kwargs),
         "groups": [_group_to_toml(group) for group in spec.features.groups],
         "distilled": dict(distilled),
+        "start": dict(start),
     }
 
 

@@ -5,6 +5,7 @@
 | `config.toml` | environment, seed, preset, every hyperparameter, versions |
 | `metrics.csv` | a row a validation |
 | `checkpoints/` | the newest two states of the training |
+| `start.json` | the tree that the training started from, if it did; `[run.start]` of the config says where it is from |
 | `policy.json` | the tree (docs/tree-json.md) |
 | `policy.py`, `tree.txt`, `tree.svg` | the tree as a program, as text, as a picture |
 | `summary.json` | what it earns, how big it is, how long it took |
@@ -25,6 +26,7 @@ from typing import Any
 
 from .. import __version__
 from ..algos.config import Config
+from ..algos.start import Start
 from ..algos.state import TrainState
 from ..envs import pool
 from ..envs.registry import UnknownEnvironment, resolve
@@ -34,11 +36,13 @@ from .about import CONFIG, RunError, describe, is_run, read, to_toml
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
 from .metrics import MetricsFile
 
+_START = "start.json"
 _MADE = (
     "checkpoints",
     "distilled",
     "tensorboard",
     "metrics.csv",
+    _START,
     "policy.json",
     "policy.py",
     "tree.txt",
@@ -67,14 +71,18 @@ class Run:
         eval_episodes: int = 20,
         overwrite: bool = False,
         distilled: Mapping[str, Any] | None = None,
+        start: Start | None = None,
     ) -> Run:
         """Make the folder and write its config; of a tree that was ``distilled``, by what.
+
+        Of a training that starts from a tree, the tree is written, too.
 
         Raises:
             RunError: it exists and is not to be overwritten, or is not a run, or cannot be written.
         """
         require_free(path, overwrite=overwrite, distilled=bool(distilled))
-        about = describe(spec, seed, preset, eval_episodes, distilled or {})
+        begun_with = {} if start is None else start.about()
+        about = describe(spec, seed, preset, eval_episodes, distilled or {}, begun_with)
         text = to_toml(about, {} if distilled else config.to_dict())
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -84,6 +92,8 @@ class Run:
                     shutil.rmtree(made)
                 else:
                     made.unlink(missing_ok=True)
+            if start is not None:
+                write_atomically(path / _START, start.tree.to_json().encode())
             write_atomically(path / CONFIG, text.encode())
         except OSError as error:
             raise RunError(
@@ -124,6 +134,23 @@ class Run:
                 f"training to load or resume; read it with sympol show {self.path}, or in Python "
                 "sympol.DecisionTree.from_json of its policy.json"
             )
+
+    def load_start(self) -> Start | None:
+        """The tree that the training started from, and how; None where it started with a random policy.
+
+        Raises:
+            RunError: it is missing or damaged.
+        """
+        if not self.about["start"]:
+            return None
+        file = self.path / _START
+        try:
+            tree = DecisionTree.from_json(file.read_text(encoding="utf-8"))
+            return Start.from_about(tree, self.about["start"])
+        except (OSError, TypeError, ValueError, KeyError) as error:
+            raise RunError(
+                f"{self.path} started from a tree, which cannot be read in {file}: {error}"
+            ) from error
 
     def resolve_env(self, env: Any = None) -> EnvSpec:
         """The environment the run was made on, or ``env`` in its place, under the names of the run.

@@ -1,0 +1,140 @@
+"""A tree becomes the parameters of a complete one: the same actions on a million observations, scaled or not."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sympol.algos.settle import exact_normalizer, next_float, normalize_at, thresholds_among
+from sympol.algos.state import Normalizer
+from sympol.functional import select
+from sympol.policies.embed import CERTAIN, embed, leaf_logits, places
+from sympol.policies.extract import extract_tree
+from sympol.policies.tree import Tree
+from sympol.trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions, Group, MultiDiscreteActions
+from tests.trees.samples import ACTIONS, SPECIAL, chain, consistent, plain_leaf, telling_observations
+
+NUM_FEATURES, DEPTH, BATCH = 6, 10, 1000
+GROUPS = (Group("front", (1, 4), ("lava", "wall")), Group("", (0, 3, 5), ("a", "b", "c")))
+HUGE = np.float32([3.4028235e38, -3.4028235e38, 1.5, -1.5])
+
+
+def any_shape(rng: np.random.Generator, actions: ActionSpec, groups: tuple[Group, ...] = ()) -> DecisionTree:
+    """Draw a tree of any shape up to depth 10: grown leaf by leaf, so bushy, or from one side, so a vine."""
+    grid = np.concatenate([rng.normal(size=8).astype(np.float32), SPECIAL, HUGE, np.float32([0.25, 0.5])])
+    deepest, splits = int(rng.integers(0, DEPTH + 1)), int(rng.integers(0, 60))
+    is_vine, grouped = rng.random() < 0.3, {feature for group in groups for feature in group.features}
+    nodes: list[dict[str, Any]] = []
+
+    def grow(depth: int, budget: int) -> int:
+        at = len(nodes)
+        nodes.append({})
+        if budget == 0 or depth == deepest:
+            # few values, so that there are ties between actions and leaves that are alike
+            nodes[at] = {"value": rng.choice(np.float32([0, 0, 1, -0.5, 2.5, 30]), actions.n_outputs)}
+            return at
+        left_share = int(rng.choice([0, budget - 1]) if is_vine else rng.integers(0, budget))
+        feature = int(rng.integers(NUM_FEATURES))
+        asks = (
+            rng.choice(np.float32([0, 0.25, 0.5]))
+            if feature in grouped and rng.random() < 0.8
+            else rng.choice(grid)
+        )
+        nodes[at] = {"feature": feature, "threshold": asks}
+        nodes[at]["left"] = grow(depth + 1, left_share)
+        nodes[at]["right"] = grow(depth + 1, budget - 1 - left_share)
+        return at
+
+    grow(0, splits)
+    return DecisionTree(
+        children_left=np.array([node.get("left", -1) for node in nodes]),
+        children_right=np.array([node.get("right", -1) for node in nodes]),
+        feature=np.array([node.get("feature", -2) for node in nodes]),
+        threshold=np.array([node.get("threshold", -2.0) for node in nodes]),
+        value=np.array([node.get("value", np.zeros(actions.n_outputs)) for node in nodes]),
+        actions=actions,
+        feature_names=tuple(f"f{i}" for i in range(NUM_FEATURES)),
+        feature_low=np.where(rng.random(NUM_FEATURES) < 0.3, -2, -np.inf),
+        feature_high=np.where(rng.random(NUM_FEATURES) < 0.3, 2, np.inf),
+        groups=groups,
+    )
+
+
+def observations(tree: DecisionTree, rng: np.random.Generator) -> np.ndarray:
+    """Draw a thousand: thresholds, the floats beside them, bounds, special ones; one-hot where the tree asks for it."""
+    with np.errstate(over="ignore"):  # beside the largest float lies infinity
+        x = telling_observations(tree, rng, BATCH)
+    for group in tree.groups:
+        x[:, group.features] = np.eye(len(group.features))[rng.integers(len(group.features), size=BATCH)]
+    return x
+
+
+@functools.cache
+def forward() -> Any:
+    """One program for all trees with as many outputs: raw observations, and the same scaled."""
+
+    @jax.jit
+    def run(actor: Tree, kept: Any, wanted: Normalizer, visited: Any, x: Any, key: Any) -> Any:
+        feature, threshold = select(actor.feature_logits, actor.thresholds)
+        normalizer = exact_normalizer(wanted, feature, threshold, kept)
+        scaled = normalize_at(normalizer, feature, threshold)
+        thresholds = thresholds_among(normalizer(visited), feature, scaled, kept, key)
+        settled = Tree(actor.feature_logits, thresholds, *jax.tree.leaves(actor)[2:], "sigmoid", 1.0)
+        ways = (actor(x), actor.rollout()(x), settled(normalizer(x)), settled.rollout()(normalizer(x)))
+        return ways, settled, normalizer
+
+    return run
+
+
+def reading(tree: DecisionTree) -> dict[str, Any]:
+    names = ("actions", "feature_names", "feature_low", "feature_high", "groups", "integers")
+    return {name: getattr(tree, name) for name in names}
+
+
+def wanted_normalizer(rng: np.random.Generator) -> Normalizer:
+    """Means far away and near, spreads from tiny to huge."""
+    shift = rng.normal(size=NUM_FEATURES) * rng.choice([0, 0.01, 1, 1000], NUM_FEATURES)
+    scale = np.exp(np.clip(rng.choice([1, 1, 8, 60]) * rng.normal(size=NUM_FEATURES), -80, 80))
+    return Normalizer(*(jnp.asarray(part, jnp.float32) for part in (shift, scale)))
+
+
+CASES = [(name, grouped) for name in ACTIONS for grouped in (False, True)]
+
+
+@pytest.mark.parametrize(("name", "grouped"), CASES)
+def test_embedded_trees_act_as_they_did_on_a_million_observations(name, grouped):
+    """1,002 trees of any shape, 1,000 observations each, five ways to act."""
+    actions, keys = ACTIONS[name], jax.random.split(jax.random.key(0), 167)
+    told_apart = 0
+    for seed in range(167):
+        rng = np.random.default_rng([seed, grouped])
+        tree = any_shape(rng, actions, GROUPS if grouped else ())
+        actor = embed(tree, depth=DEPTH, rng=rng)
+        kept = places(tree, DEPTH).split >= 0
+        x = observations(tree, rng)
+        visited = x[:64]
+        ways, settled, normalizer = forward()(actor, kept, wanted_normalizer(rng), visited, x, keys[seed])
+        value = leaf_logits(tree, 0.9)[tree.apply(x)]
+        for outputs in ways:
+            np.testing.assert_array_equal(np.asarray(outputs), value)
+        np.testing.assert_array_equal(actions.decide(value), tree.predict(x))
+        again = extract_tree(settled, *map(np.asarray, normalizer), **reading(tree))
+        np.testing.assert_array_equal(again.value[again.apply(x)], value)
+        same_splits(tree, again)
+        told_apart += len(np.unique(tree.apply(x)))
+    assert told_apart > 600  # and not only trees of one leaf
+
+
+def same_splits(tree: DecisionTree, complete: DecisionTree, at: int = 0, there: int = 0) -> None:
+    """Walk down both together: feature and threshold of each split of the tree are still there."""
+    if tree.is_leaf[at]:
+        return
+    assert tree.feature[at] == complete.feature[there]
+    assert tree.threshold[at] == complete.threshold[there]  # -0 is 0
+    same_splits(tree, complete, int(tree.children_left[at]), int(complete.children_left[there]))
+    same_splits(tree, complete, int(tree.children_right[at]), int(complete.children_right[there]))
