@@ -94,7 +94,7 @@ def study(which, env_id, depth, env, seen, seed, total_timesteps):
 def listing(tree):
     """The tree as Python, without what comes before and after: how the program reads an observation."""
     program = tree.to_python()
-    return program[program.index("def _node_0") : program.index('if __name__ == "__main__"')].strip()
+    return program[program.index("def act(") : program.index('if __name__ == "__main__"')].strip()
 
 
 def questions(tree):

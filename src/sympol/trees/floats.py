@@ -6,6 +6,7 @@ them what it decided in training, every number is flushed once, where it enters.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,6 +59,21 @@ def unflushed_threshold(threshold: float) -> float:
     Only zero needs another number: positive subnormals count as zero, so they are still on its left.
     """
     return LARGEST_SUBNORMAL if threshold == 0 else float(threshold)
+
+
+def double_threshold(threshold: float) -> float:
+    """Return the largest T for which ``x <= T`` on any double x says what ``flushed(x) <= threshold`` says.
+
+    Rounding is monotone, so it can be done once, to the threshold: T is the middle between the threshold and the
+    next float32, or, where the middle is rounded up (to even), the double before it. T itself rounds to the
+    threshold (to the largest subnormal number where that is 0), so a float32 x may be compared with T rounded.
+    """
+    at = np.float32(unflushed_threshold(threshold))
+    with np.errstate(over="ignore", under="ignore"):
+        above = np.nextafter(at, np.float32(np.inf))
+        # beyond the largest float32 rounding goes on as if there were a next one
+        middle = (float(at) + (float(above) if np.isfinite(above) else 2.0**128)) / 2
+        return middle if np.float32(middle) == at else math.nextafter(middle, -math.inf)
 
 
 def shortest(x: float) -> float:

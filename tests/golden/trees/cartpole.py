@@ -1,9 +1,9 @@
 """A decision tree policy, written by sympol. It needs nothing but Python.
 
 act(observation) takes one number a feature, in the order of FEATURES, and returns an int.
+The tree compares float32 numbers. Thresholds are written so that comparing float (and float32) numbers with them
+decides the same: each is the largest float that rounds to what its comment says.
 """
-
-from array import array
 
 FEATURES = (
     'cart position',
@@ -14,24 +14,17 @@ FEATURES = (
 
 
 def act(observation):
-    # the tree compares float32 numbers, so the observation is rounded to float32 first
-    x = array("f", list(observation))
-    if len(x) != len(FEATURES):
-        raise ValueError(f"expected {len(FEATURES)} numbers {FEATURES}, got {len(x)}")
-    return _node_0(x)
-
-
-def _node_0(x):
-    if x[3] <= -0.05000000074505806:  # pole angular velocity ≤ -0.05
-        if x[2] <= 0.020999999716877937:  # pole angle ≤ 0.021
+    try:
+        [cart_position, cart_velocity, pole_angle, pole_angular_velocity] = observation
+    except ValueError:
+        raise ValueError(f"expected {len(FEATURES)} numbers {FEATURES}, got {observation}") from None
+    if pole_angular_velocity <= -0.04999999888241292:  # pole angular velocity ≤ -0.05
+        if pole_angle <= 0.02100000064820051:  # pole angle ≤ 0.021
             return 0  # push left
-        else:
-            return 1  # push right
-    else:
-        if x[2] <= -0.10000000149011612:  # pole angle ≤ -0.1
-            return 0  # push left
-        else:
-            return 1  # push right
+        return 1  # push right
+    if pole_angle <= -0.09999999776482583:  # pole angle ≤ -0.1
+        return 0  # push left
+    return 1  # push right
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """A decision tree policy, written by sympol. It needs nothing but Python.
 
 act(observation) takes one number a feature, in the order of FEATURES, and returns a list of floats.
+The tree compares float32 numbers. Thresholds are written so that comparing float (and float32) numbers with them
+decides the same: each is the largest float that rounds to what its comment says.
 """
-
-from array import array
 
 FEATURES = (
     'cos \u03b8',
@@ -13,18 +13,13 @@ FEATURES = (
 
 
 def act(observation):
-    # the tree compares float32 numbers, so the observation is rounded to float32 first
-    x = array("f", list(observation))
-    if len(x) != len(FEATURES):
-        raise ValueError(f"expected {len(FEATURES)} numbers {FEATURES}, got {len(x)}")
-    return _node_0(x)
-
-
-def _node_0(x):
-    if x[1] <= 1.1754942106924411e-38:  # sin θ ≤ 0
+    try:
+        [cos, sin, angular_velocity] = observation
+    except ValueError:
+        raise ValueError(f"expected {len(FEATURES)} numbers {FEATURES}, got {observation}") from None
+    if sin <= 1.1754942807573642e-38:  # sin θ ≤ 0
         return [0.5299999713897705]  # torque = 0.53
-    else:
-        return [-2.0]  # torque = -2
+    return [-2.0]  # torque = -2
 
 
 if __name__ == "__main__":

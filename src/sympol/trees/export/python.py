@@ -10,70 +10,73 @@ is not one-hot.
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..actions import DiscreteActions, MultiDiscreteActions
-from ..floats import unflushed_threshold
+from ..floats import double_threshold
 from ..groups import Group
-from ..text import asked_group, node_words, question
+from ..text import asked_group, node_words
 from ..tree import DecisionTree
-
-# Python refuses 100 levels of indentation, and people refuse more than a few
-MAX_NESTING = 8
-# an elif is nested to the parser, and it refuses some thousands
-MAX_LINKS = 20
+from .common import Answers, Step, answers, branch_words, filled, nested_ifs, variables
 
 _HEADER = '''\
 """A decision tree policy, written by sympol. It needs nothing but Python.
 
 act(observation) takes one number a feature, in the order of FEATURES, and returns {answer}.
+The tree compares float32 numbers. Thresholds are written so that comparing float (and float32) numbers with them
+decides the same: each is the largest float that rounds to what its comment says.
 """
-
-from array import array
-
+{imports}
 FEATURES = {features}
 {groups}
 
 def act(observation):
-    # the tree compares float32 numbers, so the observation is rounded to float32 first
-    x = array("f", list(observation))
-    if len(x) != len(FEATURES):
-        raise ValueError(f"expected {{len(FEATURES)}} numbers {{FEATURES}}, got {{len(x)}}")
-    return _node_0({arguments})
+{unpack}{body}
 
+if __name__ == "__main__":
+    import sys
+
+    print(act([float(argument) for argument in sys.argv[1:]]))
 '''
+
+_UNPACK = """\
+    try:
+        {unpacked} = observation
+    except ValueError:
+        raise ValueError(f"expected {{len(FEATURES)}} numbers {{FEATURES}}, got {{observation}}") from None
+"""
+
+# with groups all of them are looked at before the first question, and numbers are the exception
+_UNPACK_GROUPS = """\
+    x = list(observation)
+    if len(x) != len(FEATURES):
+        raise ValueError(f"expected {len(FEATURES)} numbers {FEATURES}, got {len(x)}")
+    see = _seen(x)
+"""
 
 _GROUPS = """\
 
 # choices: the name, the features of which exactly one is 1 and the others are 0, and what each says when it is 1
 GROUPS = {groups}
-"""
 
-_SEEN = """\
 
 def _seen(x):
-    see = {}
+    see = {{}}
     for name, features, categories in GROUPS:
         values = [x[feature] for feature in features]
-        # as to the tree, a number below float32's normal range is 0
-        if values.count(1) != 1 or sum(abs(value) < 2.0**-126 for value in values) != len(values) - 1:
-            raise ValueError(f"{name!r} must be a single 1 and otherwise 0, got {values} in {x.tolist()}")
+        if values.count(1) != 1 or values.count(0) != len(values) - 1:
+            # to the tree they are float32 numbers, and below float32's normal range they are 0
+            values = [value if abs(value) >= 2.0**-126 else value * 0.0 for value in array("f", values)]
+            if values.count(1) != 1 or values.count(0) != len(values) - 1:
+                raise ValueError(f"{{name!r}} must be a single 1 and otherwise 0, got {{values}} in {{x}}")
         see[name] = categories[values.index(1)]
     return see
-
-"""
-
-_FOOTER = """\
-if __name__ == "__main__":
-    import sys
-
-    print(act([float(argument) for argument in sys.argv[1:]]))
 """
 
 _ANSWERS = {DiscreteActions: "an int", MultiDiscreteActions: "a tuple of ints"}
+_TAKEN = {*dir(builtins), "act", "observation", "array", "see", "x"}
 
 
 def to_python(tree: DecisionTree) -> str:
@@ -82,6 +85,9 @@ def to_python(tree: DecisionTree) -> str:
     An action is an int where actions are discrete, a tuple of ints for several components, and a flat list of
     floats, in C order, where they are continuous. As the tree does, it raises ValueError, naming the
     observation, where a group of features is not one-hot.
+
+    An observation is any sequence of floats, integers up to 2^53, or NumPy's float32 and float64 (not float16). Where
+    there are no groups the numbers are unpacked, and never rounded: the thresholds are `double_threshold`.
     """
     choices = _distinct(group.name or "choice" for group in tree.groups)
     labelled = {
@@ -91,18 +97,15 @@ def to_python(tree: DecisionTree) -> str:
     groups = [
         (labels.choice, group.features, tuple(labels.category.values())) for group, labels in labelled.items()
     ]
-    arguments = "x, see" if groups else "x"
-    header = _HEADER.format(
+    names = [f"x[{i}]" for i in range(tree.n_features)] if groups else variables(tree.feature_names, _TAKEN)
+    return _HEADER.format(
         answer=_ANSWERS.get(type(tree.actions), "a list of floats"),
+        imports="\nfrom array import array\n" if groups else "",
         features=_lines(tree.feature_names),
         groups=_GROUPS.format(groups=_lines(groups)) if groups else "",
-        arguments="x, _seen(x)" if groups else "x",
+        unpack=_UNPACK_GROUPS if groups else _UNPACK.format(unpacked=_unpacked(names)),
+        body=_body(tree, names, labelled),
     )
-    lines = [header + (_SEEN if groups else "")]
-    functions = [0]
-    for root in functions:  # grows while it is written
-        lines += [f"def _node_{root}({arguments}):", *_body(tree, root, functions, labelled), "", ""]
-    return "\n".join([*lines, _FOOTER])
 
 
 @dataclass(frozen=True)
@@ -131,44 +134,37 @@ def _lines(items: Iterable[object]) -> str:
     return f"(\n{lines})" if lines else "()"
 
 
-def _body(tree: DecisionTree, root: int, functions: list[int], labelled: dict[Group, _Labels]) -> list[str]:
-    """Write nested ifs; what would nest too deeply is added to the functions still to be written."""
-    lines: list[str] = []
-    awaited: list[tuple[int, int, int]] = [(root, 1, 0)]
-    while awaited:
-        node, nesting, links = awaited.pop()
-        indent = "    " * nesting
-        if node < 0:  # an else between two children
-            lines.append(indent + "else:")
-        elif tree.is_leaf[node]:
-            lines.append(f"{indent}return {_answer(tree, node)}  # {node_words(tree, node)}")
-        elif nesting > MAX_NESTING:
-            functions.append(node)
-            lines.append(f"{indent}return _node_{node}({'x, see' if labelled else 'x'})")
-        else:
-            asked = question(tree, node)
-            lines.append(f"{indent}{'elif' if links else 'if'} {_condition(tree, node, labelled)}")
-            if labelled and links < MAX_LINKS and not tree.is_leaf[asked.no_child]:
-                awaited.append((asked.no_child, nesting, links + 1))
-            else:
-                awaited += [(asked.no_child, nesting + 1, 0), (-1, nesting, 0)]
-            awaited.append((asked.yes_child, nesting + 1, 0))
-    return lines
+def _unpacked(names: list[str]) -> str:
+    flat = ", ".join(names)
+    return f"[{flat}]" if len(flat) < 80 else f"[\n{filled(names, ' ' * 12)}\n        ]"
 
 
-def _condition(tree: DecisionTree, node: int, labelled: dict[Group, _Labels]) -> str:
+def _body(tree: DecisionTree, names: list[str], labelled: dict[Group, _Labels]) -> str:
+    rows = answers(tree)
+
+    def head(step: Step) -> str:
+        return f"if {_condition(tree, step, names, labelled)}"
+
+    def answer(leaf: int) -> list[str]:
+        return [f"return {_answer(rows, leaf, tree)}  # {node_words(tree, leaf)}"]
+
+    return nested_ifs(tree, "    ", head, None, answer)
+
+
+def _condition(tree: DecisionTree, step: Step, names: list[str], labelled: dict[Group, _Labels]) -> str:
     """Ask a question as Python does, and in words where that does not read by itself."""
-    feature, words = int(tree.feature[node]), node_words(tree, node)
-    if (group := asked_group(tree, node)) is not None:
+    feature, words = int(tree.feature[step.node]), branch_words(tree, step)
+    if (group := asked_group(tree, step.node)) is not None:
         labels = labelled[group]
         comment = "" if words.isascii() else f"  # {words}"
-        return f"see[{labels.choice!a}] == {labels.category[feature]!a}:{comment}"
-    return f"x[{feature}] <= {unflushed_threshold(tree.threshold[node])!r}:  # {words}"
+        compared = "!=" if step.side == "left" else "=="
+        return f"see[{labels.choice!a}] {compared} {labels.category[feature]!a}:{comment}"
+    asked = f"{names[feature]} <= {double_threshold(tree.threshold[step.node])!r}"
+    return f"{asked if step.side == 'left' else f'not {asked}'}:  # {words}"
 
 
-def _answer(tree: DecisionTree, leaf: int) -> str:
-    action = tree.actions.decide(tree.value[leaf : leaf + 1])[0]
-    if isinstance(tree.actions, DiscreteActions):
-        return repr(int(action))
-    flat = np.ravel(action).tolist()
-    return repr(tuple(flat) if isinstance(tree.actions, MultiDiscreteActions) else flat)
+def _answer(rows: Answers, leaf: int, tree: DecisionTree) -> str:
+    answer = rows.of(leaf)
+    if rows.single:
+        return repr(answer[0])
+    return repr(tuple(answer) if isinstance(tree.actions, MultiDiscreteActions) else answer)

@@ -1,0 +1,128 @@
+"""A tree as SQL: one query with one CASE expression for each number of an action, for PostgreSQL and for SQLite.
+
+A column of the table is called as the feature is, where that can be a column's name; the column comes with the name
+of the table before it, since SQLite takes a quoted name that is no column for a string, silently, when it stands alone.
+
+Nothing is rounded to float32 in the query: `double_threshold` has done that, and PostgreSQL refuses to cast to real
+what is too large for it. NaN goes right: PostgreSQL holds it for the greatest number, and what is unknown (NULL, which
+is all that SQLite has) is no ``<=``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ..floats import double_threshold
+from ..text import node_words
+from ..tree import DecisionTree
+from .common import answers, branch_words, check_style, comment, legend, steps
+
+STYLES = ("postgresql", "sqlite")
+_REAL = {"postgresql": "real", "sqlite": "REAL"}
+_LONGEST = 63
+"""Bytes of a name in PostgreSQL; it cuts off what is longer."""
+
+_QUERY = """\
+-- A decision tree policy, written by sympol: a query of {dialect} that adds the action to every row of a table.
+--
+{legend}
+SELECT
+  o.*,
+{columns}
+FROM {table} AS o;
+"""
+
+
+def to_sql(
+    tree: DecisionTree,
+    *,
+    style: str = "postgresql",
+    table: str = "observations",
+    columns: Sequence[str] | None = None,
+) -> str:
+    """Write a query whose column ``action`` is what `DecisionTree.predict` returns on each row of a table.
+
+    With several components the columns are ``action_0``, ``action_1``, …; continuous actions are real, clipped, in C
+    order, and a zero has no sign. It answers also where a group of features is not one-hot, which the tree refuses.
+
+    Args:
+        tree: What is written.
+        style: ``"postgresql"`` or ``"sqlite"`` (3.23 or later).
+        table: The table's name, as it is; it is quoted here.
+        columns: Its column for each feature; by default `column_names`.
+
+    Raises:
+        ValueError: if there is no such style, an action has no number, or a name cannot be one.
+    """
+    check_style(style, STYLES)
+    names = column_names(tree.feature_names) if columns is None else list(columns)
+    if len(names) != tree.n_features:
+        raise ValueError(f"expected the columns of {tree.n_features} features, got {names!r}")
+    rows = answers(tree)
+    labels = ["action"] if rows.single else [f"action_{k}" for k in range(rows.n_outputs)]
+    cases = []
+    for k, label in enumerate(labels):
+        written = [_real(x) if rows.is_float else str(x) for x in rows.rows[:, k].tolist()]
+        case = "\n".join(_case(tree, names, [written[row] for row in rows.row_of]))
+        cases.append(
+            f"  CAST(\n{case}\n  AS {_REAL[style]}) AS {label}" if rows.is_float else f"{case}\n  AS {label}"
+        )
+    return _QUERY.format(
+        dialect={"postgresql": "PostgreSQL", "sqlite": "SQLite"}[style],
+        legend="\n".join(f"-- {line}" for line in legend(tree)),
+        columns=",\n".join(cases),
+        table=quoted(table),
+    )
+
+
+def column_names(features: Sequence[str]) -> list[str]:
+    """Call each column as its feature, where that can be a column's name and is its own, else ``x0``, ``x1``, …
+
+    To both databases a name has at most 63 bytes and no control characters; SQLite's do not differ by case alone.
+    """
+    folded = [name.casefold() for name in features]
+    return [
+        name
+        if _is_name(name) and folded.count(folded[i]) == 1 and not (name[0] in "xX" and name[1:].isdigit())
+        else f"x{i}"
+        for i, name in enumerate(features)
+    ]
+
+
+def quoted(name: str) -> str:
+    """Write a name as an identifier. Raises ValueError where it cannot be one."""
+    if not _is_name(name):
+        raise ValueError(
+            f"a name in SQL must have 1 to {_LONGEST} bytes and no control characters, got {name!r}"
+        )
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _is_name(name: str) -> bool:
+    return name.isprintable() and 0 < len(name.encode("utf-8", "replace")) <= _LONGEST
+
+
+def _case(tree: DecisionTree, names: Sequence[str], answer: Sequence[str]) -> Iterator[str]:
+    """The lines of the expression: what follows an ``if`` is the next WHEN of the same CASE, or its ELSE."""
+    is_open = [False] * (tree.depth + 1)
+    for step in steps(tree):
+        indent = "    " * step.level + "  "
+        if step.kind == "if":
+            if not is_open[step.level]:
+                yield f"{indent}CASE"
+            is_open[step.level] = True
+            threshold = _real(double_threshold(tree.threshold[step.node]))
+            asked = f"o.{quoted(names[int(tree.feature[step.node])])} <= {threshold}"
+            asked = asked if step.side == "left" else f"({asked}) IS NOT TRUE"
+            yield f"{indent}  WHEN {asked} THEN -- {comment(branch_words(tree, step))}"
+        elif step.kind == "answer" and is_open[step.level]:
+            is_open[step.level] = False
+            yield f"{indent}  ELSE {answer[step.node]} -- {comment(node_words(tree, step.node))}"
+            yield f"{indent}END"
+        elif step.kind == "answer":
+            yield f"{indent}{answer[step.node]} -- {comment(node_words(tree, step.node))}"
+
+
+def _real(x: float) -> str:
+    # of decimals with 17 digits SQLite reads one in 30,000 as the double beside it
+    return f"{x:.20g}"
