@@ -19,6 +19,7 @@ STARTED = time.perf_counter()
 
 if TYPE_CHECKING:
     from .agents import A2C, PPO, load
+    from .algos.start import Start
     from .envs.registry import register, resolve
     from .evaluate import evaluate_policy, watch
     from .teachers import distill_policy
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "A2C": "agents",
     "PPO": "agents",
+    "Start": "algos.start",
     "load": "agents",
     "register": "envs.registry",
     "resolve": "envs.registry",
@@ -40,6 +42,7 @@ __all__ = [
     "A2C",
     "PPO",
     "DecisionTree",
+    "Start",
     "distill_policy",
     "evaluate_policy",
     "load",
