@@ -17,7 +17,8 @@ CLAIM      terms joined likewise, or one monotonicity
   monotony torque is increasing in angular velocity         or decreasing: never falls, never rises
 ```
 
-Names stand as they are, the longest that fits; in quotes, as in JSON, where they contain what would be misread.
+Names stand as they are, the longest that fits, with or without the unit in parentheses that they end in; in
+quotes, as in JSON, where they contain what would be misread.
 Numbers are exact: ``x > 0.1`` is true of the float32 numbers that are greater than one tenth.
 """
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -17,6 +19,10 @@ from .scanner import Scanner
 
 ACTION = "action"
 """What a discrete action is called; those with several components call them by name."""
+
+
+_UNIT = re.compile(r"(.*\S)\s*\([^()]*\)", re.DOTALL)
+"""A name and its unit: ``pole angle (rad)``."""
 
 
 @final
@@ -38,7 +44,7 @@ def about_features(scanner: Scanner, tree: DecisionTree) -> Condition:
     """Read one term of a condition. Raises ValueError if it is none."""
     groups = tuple(group.name for group in tree.groups if group.name)
     names = (*tree.feature_names, *groups)
-    name = scanner.name(names)
+    name = _name(scanner, names)
     if name is None:
         number = scanner.number()
         if number is None:
@@ -63,12 +69,12 @@ def about_features(scanner: Scanner, tree: DecisionTree) -> Condition:
 def about_actions(scanner: Scanner, tree: DecisionTree) -> Condition | Monotone:
     """Read one term of a claim. Raises ValueError if it is none."""
     actions, names = tree.actions, component_names(tree.actions)
-    name = scanner.name(names)
+    name = _name(scanner, names)
     if name is None:
         number = scanner.number() if isinstance(actions, BoxActions) else None
         if number is not None:
             return _number_first(scanner, number, names, "action")
-        if (feature := scanner.name(tree.feature_names)) is not None:
+        if (feature := _name(scanner, tree.feature_names)) is not None:
             scanner.fail(
                 f"a claim is about actions ({_quoted(names)}), but {printable(feature)!r} is a feature: "
                 "what is said of features stands behind 'when'"
@@ -117,7 +123,7 @@ def _about_options(scanner: Scanner, tree: DecisionTree, component: int) -> Cond
 def _monotone(scanner: Scanner, tree: DecisionTree, component: int, direction: str) -> Monotone:
     if not scanner.word("in"):
         scanner.fail(f"expected 'in' and the name of a feature after {direction!r}")
-    if (name := scanner.name(tree.feature_names)) is None:
+    if (name := _name(scanner, tree.feature_names)) is None:
         scanner.fail_at_name(tree.feature_names, "feature")
     feature = _only(scanner, name, tree.feature_names, "features")
     if feature in tree.group_of:
@@ -181,7 +187,7 @@ def _number_first(scanner: Scanner, number: Decimal, names: Sequence[str], what:
     relation = scanner.relation()
     if relation is None:
         scanner.fail(f"expected '<', '<=', '>' or '>=' after {number}")
-    if (name := scanner.name(names)) is None:
+    if (name := _name(scanner, names)) is None:
         scanner.fail_at_name(names, what)
     position = _only(scanner, name, names, f"{what}s")
     turned = relation.translate(str.maketrans("<>", "><"))
@@ -211,6 +217,15 @@ def _equal(scanner: Scanner, position: int, number: Decimal) -> Condition:
 def _number(scanner: Scanner) -> Decimal:
     number = scanner.number()
     return scanner.fail("expected a number") if number is None else number
+
+
+def _name(scanner: Scanner, names: Sequence[str]) -> str | None:
+    """Take a name, in full or without the unit in parentheses that it ends in, where that is no other's name."""
+    without = {name: found[1] for name in names if (found := _UNIT.fullmatch(name))}
+    ways = Counter((*names, *without.values()))
+    full = {short: name for name, short in without.items() if ways[short] == 1}
+    taken = scanner.name((*names, *full))
+    return None if taken is None else full.get(taken, taken)
 
 
 def _only(scanner: Scanner, name: str, names: Sequence[str], what: str) -> int:
