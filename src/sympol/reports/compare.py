@@ -18,7 +18,7 @@ from ..trees.report import policy_data, write_page
 from .episodes import drawing_of, filmed
 from .policies import policy_of
 from .report import check_test
-from .words import mean_words, tests_data
+from .words import tests_data
 
 MOST = 6
 """Policies side by side."""
@@ -104,7 +104,6 @@ def _described(
         "kind": _KINDS["tree" if run.is_distilled else run.config.policy]
         + (" (distilled)" if run.is_distilled else f" ({run.config.algorithm.upper()})"),
         "tests": tests,
-        "words": mean_words(tests),
         "size": _size(policy),
         "policy": None if tree is None else policy_data(tree, tested.observations),
     }

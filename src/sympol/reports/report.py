@@ -17,7 +17,7 @@ from ..trees.floats import printable
 from ..trees.report import policy_data, programs_data, size_facts, write_page
 from .checks import checks_data, properties_of
 from .episodes import drawing_of, filmed
-from .words import mean_words, tests_data
+from .words import return_words, tests_data
 
 _CURVES = {"eval/mean_reward": "validation, deterministic", "rollout/ep_rew_mean": "training, exploring"}
 
@@ -60,7 +60,7 @@ def report(
         "title": printable(spec.name),
         "kicker": "decision tree"
         + (", distilled" if run.is_distilled else f", trained by {_algorithm(run)}"),
-        "facts": [[mean_words(tests), f"return, {episodes} test episodes"], *size_facts(tree)],
+        "facts": [[tests["words"], f"return, {episodes} test episodes"], *size_facts(tree)],
         "policy": policy_data(tree, tested.observations),
         "player": _player(tree, spec, tested, seed, tell),
         "tests": tests,
@@ -87,7 +87,7 @@ def _player(
     seeds = [episode_seed(seed, episode) for episode in chosen.values()]
     (played,), fps = filmed([tree], spec, seeds, tell)
     titles = [
-        f"{name}: return {mean_words({'mean': played[i]['earned'][-1]})} in {played[i]['length']:,} steps"
+        f"{name}: return {return_words(played[i]['earned'][-1])} in {played[i]['length']:,} steps"
         for i, name in enumerate(chosen)
     ]
     return {

@@ -44,12 +44,12 @@ function axes(xs, ys, xName, yName, summary, height = CHART.height) {
 }
 
 /** How often which return came. */
-function histogram({ returns, mean, std }) {
+function histogram({ returns, mean, words }) {
   const [low, high] = widened(Math.min(...returns), Math.max(...returns));
   const bins = Math.max(5, Math.min(24, Math.ceil(2 * Math.cbrt(returns.length)) + 4));
   const counts = new Array(bins).fill(0);
   for (const x of returns) counts[Math.min(bins - 1, Math.floor(((x - low) / (high - low)) * bins))] += 1;
-  const summary = `Returns of ${returns.length} test episodes: ${numberWords(mean)} on average, standard deviation ${numberWords(std)}`;
+  const summary = `Returns of ${returns.length} test episodes: ${words}`;
   const { chart, x, y } = axes([low, high], [0, Math.max(...counts)], "return", "episodes", summary);
   counts.forEach((count, i) => {
     const [from, to] = [x(low + ((high - low) * i) / bins), x(low + ((high - low) * (i + 1)) / bins)];
@@ -87,7 +87,7 @@ function strips(policies) {
   const all = policies.flatMap(({ tests }) => tests.returns);
   const row = 46;
   const height = policies.length * row + CHART.top + CHART.bottom;
-  const summary = policies.map(({ name, tests }) => `${name}: ${numberWords(tests.mean)} ± ${numberWords(tests.std)}`).join("; ");
+  const summary = policies.map(({ name, tests }) => `${name}: ${tests.words}`).join("; ");
   const { chart, x } = axes(widened(Math.min(...all), Math.max(...all)), [0, 1], "return", null, summary, height);
   policies.forEach(({ name, tests }, i) => {
     const middle = CHART.top + (i + 0.62) * row;

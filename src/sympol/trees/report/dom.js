@@ -24,6 +24,11 @@ function button(words, onclick, attributes) {
   return el("button", { type: "button", onclick, ...attributes }, words);
 }
 
+/** A picture on a button, out of a path in a square of 16. */
+function icon(d) {
+  return svg("svg", { class: "icon", viewBox: "0 0 16 16", "aria-hidden": "true" }, svg("path", { d }));
+}
+
 /** A part of the page with a heading; `tools` stand at the right of it. */
 function card(name, title, tools, ...children) {
   const heading = el("h2", { id: `${name}-title` }, title);
@@ -35,6 +40,7 @@ function card(name, title, tools, ...children) {
 function numberWords(x, digits = 4) {
   if (Number.isNaN(x)) return "NaN";
   if (!Number.isFinite(x)) return x > 0 ? "∞" : "−∞";
+  if (x === 0) return "0"; // of either sign
   if (Number.isInteger(x) && Math.abs(x) < 1e6) return x.toLocaleString("en").replace("-", "−");
   const short = Number(x.toPrecision(digits));
   const words = Math.abs(short) >= 1e5 || Math.abs(short) < 1e-4 ? short.toExponential() : String(short);

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from ..tree import DecisionTree
 if TYPE_CHECKING:
     from jaxtyping import Float32
 
-_BEYOND = 0.1
+_BEYOND = 0.2
 """How much further than what was seen a slider goes, as a part of its range."""
 
 
@@ -38,18 +37,20 @@ def features_data(
 def _ranges(
     tree: DecisionTree, seen: Float32[np.ndarray, "batch features"] | None
 ) -> list[tuple[float, float]]:
-    """Take the bounds of the space; where it has none, what was seen and where the tree splits, and some more."""
+    """Take what was seen and where the tree splits, and some more, within the bounds of the space.
+
+    Bounds alone are often so far out that all that matters lies in one notch of a slider. Where nothing was seen
+    they are the range.
+    """
     ranges = []
     for i in range(tree.n_features):
-        known = tree.threshold[tree.feature == i]
-        known = known if seen is None else np.concatenate([known, seen[:, i]])
-        known = known[np.isfinite(known)].astype(np.float64)
         low, high = float(tree.feature_low[i]), float(tree.feature_high[i])
+        known = tree.threshold[tree.feature == i]
+        known = np.concatenate([known, [low, high] if seen is None else seen[:, i]])
+        known = known[np.isfinite(known)].astype(np.float64)
         least, most = (float(known.min()), float(known.max())) if known.size else (-1.0, 1.0)
         beyond = _BEYOND * (most - least) if most > least else max(1.0, abs(most))
-        low = low if math.isfinite(low) else min(least - beyond, high)
-        high = high if math.isfinite(high) else max(most + beyond, low)
-        ranges.append((shortest(low), shortest(high)))
+        ranges.append((shortest(max(low, least - beyond)), shortest(min(high, most + beyond))))
     return ranges
 
 

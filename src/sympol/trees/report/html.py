@@ -39,4 +39,4 @@ def to_html(tree: DecisionTree) -> str:
 
 def size_facts(tree: DecisionTree) -> list[list[Any]]:
     """Say how large a tree is, as the head of a page does."""
-    return [[f"{tree.n_nodes:,}", "nodes"], [f"{tree.n_leaves:,}", "leaves"], [f"{tree.depth:,}", "deep"]]
+    return [[f"{tree.n_nodes:,}", "nodes"], [f"{tree.n_leaves:,}", "leaves"], [f"{tree.depth:,}", "depth"]]

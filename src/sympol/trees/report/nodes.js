@@ -34,7 +34,7 @@ function boxOf(policy, index) {
   const widths = node.lines.map((line) => textWidth(shortened(line), 13, 600));
   return {
     width: Math.max(grid, textWidth(small, 11, 400), ...widths) + 2 * PAD + 6,
-    height: (grid && grid + 6) + node.lines.length * ROW + (small ? SMALL_ROW : 0) + PAD + 3,
+    height: (grid && grid + 6) + node.lines.length * ROW + (small ? SMALL_ROW : 0) + PAD + (isLeaf(node) ? 3 : 9), // the handle lies on the edge
   };
 }
 
@@ -59,11 +59,18 @@ function drawnNode(policy, index, box) {
     const [paint, ink] = isLeaf(node) ? node.colours[row] : [null, null];
     if (paint && !whole) group.append(svg("rect", { ...pill(box, y), fill: paint }));
     const bold = row === node.lines.length - 1 ? "strong" : "plain";
-    group.append(svg("text", { class: bold, y: y + ROW / 2, fill: ink }, shortened(line)));
+    group.append(written(bold, y + ROW / 2, shortened(line), ink));
     y += ROW;
   });
-  if (small) group.append(svg("text", { class: "small", y: y + SMALL_ROW / 2, fill: whole?.[1] }, small));
+  if (small) group.append(written("small", y + SMALL_ROW / 2, small, whole?.[1]));
   return group;
+}
+
+/** Words in an ink that suits what they stand on, or in the page's own. */
+function written(name, y, words, ink) {
+  const text = svg("text", { class: name, y }, words);
+  if (ink) text.style.fill = ink;
+  return text;
 }
 
 function pill(box, y) {

@@ -35,6 +35,7 @@ _SCRIPTS = (
     "player.js",
     "charts.js",
     "sections.js",
+    "lane.js",
 )
 
 

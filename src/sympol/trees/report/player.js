@@ -1,6 +1,12 @@
 // Episodes: a stage shows one at a step, a player moves one stage or several in step.
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
+const ICONS = {
+  play: "M4 2.5 L13.5 8 L4 13.5 Z",
+  pause: "M3.5 2.5 h3.2 v11 h-3.2 Z M9.3 2.5 h3.2 v11 h-3.2 Z",
+  back: "M3 3 h2 v10 h-2 Z M13 3 v10 L6 8 Z",
+  forward: "M11 3 h2 v10 h-2 Z M3 3 L10 8 L3 13 Z",
+};
 
 /** What an episode looks like, and what is done in it. */
 class Stage {
@@ -53,7 +59,7 @@ class Player {
   /** `titles` are of the episodes; `onstep(step)` is told where the player is; `onepisode(i)` which it plays. */
   constructor(titles, fps, onepisode, onstep) {
     Object.assign(this, { fps, onstep, step: 0, length: 0, playing: false, speed: 1 });
-    this.playButton = button("▶", () => this.toggle(), { class: "play", "aria-label": "Play" });
+    this.playButton = button(icon(ICONS.play), () => this.toggle(), { class: "play", "aria-label": "Play" });
     this.scrubber = el("input", {
       type: "range", class: "scrubber", min: 0, value: 0, "aria-label": "Step of the episode",
       oninput: () => this.#by(Number(this.scrubber.value) - this.step),
@@ -66,9 +72,9 @@ class Player {
       ...titles.map((title) => el("option", null, title)));
     this.element = el("div", { class: "player", role: "group", "aria-label": "Episode player", onkeydown: (event) => this.#key(event) },
       el("div", { class: "controls" },
-        button("⏮", () => this.#by(-1), { "aria-label": "Step back", title: "Step back (←)" }),
+        button(icon(ICONS.back), () => this.#by(-1), { "aria-label": "Step back", title: "Step back (←)" }),
         this.playButton,
-        button("⏭", () => this.#by(1), { "aria-label": "Step forward", title: "Step forward (→)" }),
+        button(icon(ICONS.forward), () => this.#by(1), { "aria-label": "Step forward", title: "Step forward (→)" }),
         this.scrubber, this.counter, speed),
       titles.length > 1 ? episode : null,
       this.live);
@@ -102,7 +108,7 @@ class Player {
   }
 
   #sign() {
-    this.playButton.textContent = this.playing ? "❚❚" : "▶";
+    this.playButton.replaceChildren(icon(this.playing ? ICONS.pause : ICONS.play));
     this.playButton.setAttribute("aria-label", this.playing ? "Pause" : "Play");
   }
 

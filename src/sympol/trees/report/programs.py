@@ -7,7 +7,7 @@ from ..tree import DecisionTree
 
 LARGEST = 60_000
 """Characters of one program; what is longer one rather exports than copies out of a page."""
-LARGEST_SUM = 150_000
+LARGEST_SUM = 120_000
 """Of all of them: they must not be most of the page."""
 
 

@@ -36,12 +36,12 @@ function importanceCard(rows) {
 }
 
 function returnsCard(tests) {
-  const head = `${numberWords(tests.mean)} ± ${numberWords(tests.std)}`;
-  const range = `from ${numberWords(Math.min(...tests.returns))} to ${numberWords(Math.max(...tests.returns))}`;
+  const [least, most] = [Math.min(...tests.returns), Math.max(...tests.returns)];
+  const range = least === most ? "all alike" : `from ${numberWords(least)} to ${numberWords(most)}`;
   return card("returns", "Test episodes", null,
-    el("p", { class: "headline" }, el("strong", null, head),
+    el("p", { class: "headline" }, el("strong", null, tests.words),
       el("span", null, ` over ${tests.returns.length} episodes, ${range}`)),
-    histogram(tests));
+    least === most ? null : histogram(tests));
 }
 
 function trainingCard(series) {

@@ -1,6 +1,6 @@
 // The drawn tree: fold, walk by keys, light the way of an observation.
 
-const SHOWN_AT_FIRST = 63; // nodes; of a larger tree the least visited parts are folded
+const SHOWN_AT_FIRST = 31; // nodes; of a larger tree the least visited parts are folded
 const READABLE = 0.55;
 
 class TreeView {
@@ -23,7 +23,7 @@ class TreeView {
     return [
       button("−", () => this.zoom.by(1 / 1.3), label("Zoom out")),
       button("+", () => this.zoom.by(1.3), label("Zoom in")),
-      button("Fit", () => this.fit(), { title: "Show the whole tree" }),
+      button("Fit", () => this.fit(0), { title: "Show the whole tree" }),
       button("Unfold all", () => this.unfold()),
     ];
   }
@@ -73,13 +73,13 @@ class TreeView {
     return scale(both[1]) > 1.1 * scale(both[0]) ? both[1] : both[0];
   }
 
-  /** Make the window as high as the tree needs, and show all of it, or as much as can be read. */
-  fit() {
+  /** Make the window as high as the tree needs, and show all of it, or as much as can be read at this scale. */
+  fit(readable = READABLE) {
     const { width, height, downward, places } = this.layout;
     const most = Math.max(320, 0.72 * window.innerHeight);
     const scale = clipped((this.element.clientWidth - 36) / width, READABLE, 1.25);
     this.element.style.height = `${Math.round(clipped(height * scale + 44, 240, most))}px`;
-    const view = this.zoom.fit(width, height, READABLE);
+    const view = this.zoom.fit(width, height, readable);
     const root = places.get(0);
     const { clientWidth, clientHeight } = this.window;
     const x = view.x ?? (downward ? clientWidth / 2 - root.x * view.scale : view.margin);
@@ -224,7 +224,7 @@ class TreeView {
       " ": () => this.#toggle(this.current),
       "+": () => this.zoom.by(1.3),
       "-": () => this.zoom.by(1 / 1.3),
-      0: () => this.fit(),
+      0: () => this.fit(0),
     };
     if (!moves[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
