@@ -317,7 +317,7 @@ def test_a_run_that_is_not_there(command, tmp_path, capsys):
     [
         (["eval", "--episodes", "0"], "n_eval_episodes must be at least 1, got 0"),
         (["eval", "--seed", "-3"], "seed must not be negative, got -3"),
-        (["export", "--to", "cobol"], "invalid choice 'cobol'"),
+        (["export", "--to", "cobol"], "unknown format 'cobol'; there are python, c, "),
         (["export", "--out", "/proc/no/such.py"], "choose another --out"),
         (["export", "--to", "svg", "--out", "/proc/no/such.svg"], "choose another --out"),
         (["show", "--json"], "unknown argument '--json'"),

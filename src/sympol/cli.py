@@ -16,9 +16,10 @@ sympol: reinforcement learning whose policy is a decision tree you can read
   sympol show RUN              the tree of a run, as text
   sympol eval RUN              play test episodes on Gymnasium
   sympol watch RUN             a film of an episode, beside it the tree with the way taken lit
-  sympol export RUN            the tree as a program: python, json, text, svg, pdf, png
+  sympol export RUN            the tree as a program (Python, C, Rust, JavaScript, SQL), a model or a picture
   sympol report RUN            a web page: the tree, episodes, sliders, returns; open it from disk
   sympol compare RUN RUN ...   a web page: several policies on the same episodes
+  sympol verify RUN            prove what the policy always does, or never; find where it does not
   sympol resume RUN            go on with an interrupted training
   sympol distill TEACHER       make a tree of an MLP, a soft tree, a stable-baselines3 model or any function
   sympol bench TABLE           run what a table of the paper lacks, and write it: control-ppo, minigrid, ...

@@ -22,6 +22,12 @@ def _distill(arguments: Sequence[str]) -> int:
     return distill(arguments)
 
 
+def _export(arguments: Sequence[str]) -> int:
+    from .export import export
+
+    return export(arguments)
+
+
 def _report(arguments: Sequence[str]) -> int:
     from .report import report
 
@@ -32,6 +38,12 @@ def _compare(arguments: Sequence[str]) -> int:
     from .report import compare
 
     return compare(arguments)
+
+
+def _verify(arguments: Sequence[str]) -> int:
+    from .verify import verify
+
+    return verify(arguments)
 
 
 def _tune(arguments: Sequence[str]) -> int:
@@ -45,9 +57,10 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "show": read.show,
     "eval": read.evaluate,
     "watch": watch.watch,
-    "export": read.export,
+    "export": _export,
     "report": _report,
     "compare": _compare,
+    "verify": _verify,
     "resume": train.resume,
     "distill": _distill,
     "bench": _bench,

@@ -136,20 +136,6 @@ class Watch:
 
 
 @dataclass
-class Export:
-    """The tree of a run as a program, a document or a picture."""
-
-    run: Folder
-    """The run's folder."""
-
-    to: Literal["python", "json", "text", "svg", "pdf", "png"] = "python"
-    """What to write."""
-
-    out: Path | None = None
-    """Where to; the standard output by default, for pictures RUN/tree.<format>."""
-
-
-@dataclass
 class Bench:
     """Run what a table lacks, and write it: Markdown, LaTeX, CSV and plots, the paper's numbers beside ours.
 

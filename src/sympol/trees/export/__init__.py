@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, final
@@ -26,8 +27,17 @@ class Format:
 
     def write(self, tree: DecisionTree, **options: Any) -> str | bytes:
         """Write the tree. Raises ImportError, saying what to install, where a library is lacking."""
+        return self._function(tree, **options)
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """What `write` may be told, besides the tree."""
+        return tuple(inspect.signature(self._function).parameters)[1:]
+
+    @property
+    def _function(self) -> Callable[..., str | bytes]:
         module, function = self.where.split(":")
-        return getattr(import_module(f"..{module}", __package__), function)(tree, **options)
+        return getattr(import_module(f"..{module}", __package__), function)
 
 
 FORMATS: Mapping[str, Format] = {
