@@ -12,6 +12,7 @@ from ..floats import observation_batch
 from ..named import feature_position
 from ..tree import DecisionTree
 from .arrivals import numbers
+from .names import without_units
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Float32
@@ -110,9 +111,9 @@ def noise(
         ValueError, TypeError: as `margin` does, or a name is unknown.
     """
     if isinstance(size, Mapping):
-        sizes = np.zeros(tree.n_features)
+        sizes, short = np.zeros(tree.n_features), without_units(tree.feature_names)
         for name, most in size.items():
-            sizes[feature_position(tree, name)] = most
+            sizes[feature_position(tree, short.get(name, name))] = most
     else:
         sizes = _checked_scale(tree, size)
 

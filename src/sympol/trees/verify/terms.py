@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -14,15 +12,12 @@ from ..floats import printable
 from ..groups import Group
 from ..tree import DecisionTree
 from .logic import All, Any, Between, Condition, Not
+from .names import without_units
 from .numbers import interval
 from .scanner import Scanner
 
 ACTION = "action"
 """What a discrete action is called; those with several components call them by name."""
-
-
-_UNIT = re.compile(r"(.*\S)\s*\([^()]*\)", re.DOTALL)
-"""A name and its unit: ``pole angle (rad)``."""
 
 
 @final
@@ -221,11 +216,9 @@ def _number(scanner: Scanner) -> Decimal:
 
 def _name(scanner: Scanner, names: Sequence[str]) -> str | None:
     """Take a name, in full or without the unit in parentheses that it ends in, where that is no other's name."""
-    without = {name: found[1] for name in names if (found := _UNIT.fullmatch(name))}
-    ways = Counter((*names, *without.values()))
-    full = {short: name for name, short in without.items() if ways[short] == 1}
-    taken = scanner.name((*names, *full))
-    return None if taken is None else full.get(taken, taken)
+    short = without_units(names)
+    taken = scanner.name((*names, *short))
+    return None if taken is None else short.get(taken, taken)
 
 
 def _only(scanner: Scanner, name: str, names: Sequence[str], what: str) -> int:
