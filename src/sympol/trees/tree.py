@@ -7,7 +7,7 @@ left child of node i is i + 1, and every subtree is one contiguous slice.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
+    from .counterfactual import Norm
+    from .explain import Explanation
     from .verify.properties import Said
     from .verify.verdict import Verdict
 
@@ -234,6 +236,19 @@ class DecisionTree:
         from .verify import verify
 
         return verify(self, said)
+
+    def explain(
+        self,
+        observation: ArrayLike,
+        *,
+        immutable: Iterable[str | int] = (),
+        norm: Norm = "l1",
+        scale: Mapping[str | int, float] | None = None,
+    ) -> Explanation:
+        """Say why it acts as it does in one observation, and what else would be needed: see `sympol.trees.explain`."""
+        from .explain import explain
+
+        return explain(self, observation, immutable=immutable, norm=norm, scale=scale)
 
     def to_text(self, *, digits: int | None = None) -> str:
         """Write the tree for people: see `sympol.trees.text`."""
