@@ -28,7 +28,7 @@ BELOW: dict[str, set[str]] = {
     "evaluate": {"types", "envs", "trees", "film", "play"},
     "runs": {"types", "envs", "trees", "algos"},
     "serving": {"envs", "trees", "play"},
-    "frameworks": {"envs", "trees", "play", "serving"},
+    "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
 TOP = ["agents", "teachers", "training", "reports", "experiments", "commands", "cli"]
