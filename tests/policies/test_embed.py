@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -12,12 +13,12 @@ import pytest
 
 from sympol.algos.settle import exact_normalizer, next_float, normalize_at, thresholds_among
 from sympol.algos.state import Normalizer
-from sympol.functional import select
-from sympol.policies.embed import CERTAIN, embed, leaf_logits, places
+from sympol.functional import entmax15, select
+from sympol.policies.embed import embed, leaf_logits, places
 from sympol.policies.extract import extract_tree
 from sympol.policies.tree import Tree
 from sympol.trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions, Group, MultiDiscreteActions
-from tests.trees.samples import ACTIONS, SPECIAL, chain, consistent, plain_leaf, telling_observations
+from tests.trees.samples import ACTIONS, SPECIAL, chain, plain_leaf, telling_observations
 
 NUM_FEATURES, DEPTH, BATCH = 6, 10, 1000
 GROUPS = (Group("front", (1, 4), ("lava", "wall")), Group("", (0, 3, 5), ("a", "b", "c")))
@@ -84,7 +85,7 @@ def forward() -> Any:
         normalizer = exact_normalizer(wanted, feature, threshold, kept)
         scaled = normalize_at(normalizer, feature, threshold)
         thresholds = thresholds_among(normalizer(visited), feature, scaled, kept, key)
-        settled = Tree(actor.feature_logits, thresholds, *jax.tree.leaves(actor)[2:], "sigmoid", 1.0)
+        settled = Tree(actor.feature_logits, thresholds, actor.leaf_values, actor.log_std, "sigmoid", 1.0)
         ways = (actor(x), actor.rollout()(x), settled(normalizer(x)), settled.rollout()(normalizer(x)))
         return ways, settled, normalizer
 
@@ -138,3 +139,99 @@ def same_splits(tree: DecisionTree, complete: DecisionTree, at: int = 0, there: 
     assert tree.threshold[at] == complete.threshold[there]  # -0 is 0
     same_splits(tree, complete, int(tree.children_left[at]), int(complete.children_left[there]))
     same_splits(tree, complete, int(tree.children_right[at]), int(complete.children_right[there]))
+
+
+def test_the_deepest_tree_there_can_be_and_the_smallest():
+    vine = chain(14, to_left=True, actions=ACTIONS["discrete"])
+    actor = embed(vine, depth=14, rng=np.random.default_rng(0), confidence=1.0)
+    x = np.concatenate([np.arange(-16, 3, 0.5), [np.nan, np.inf, -np.inf]]).astype(np.float32)[:, None]
+    expected = np.stack([vine.value[plain_leaf(vine, row)] for row in x])
+    np.testing.assert_array_equal(np.asarray(jax.jit(lambda a, x: a.rollout()(x))(actor, x)), expected)
+    alone = chain(0, to_left=True, actions=ACTIONS["discrete"])
+    assert places(alone, 1).split.tolist() == [-1]
+    assert places(alone, 1).leaf.tolist() == [0, 0]
+    outputs = embed(alone, depth=1, rng=np.random.default_rng(0), confidence=1.0).rollout()(jnp.zeros((1, 1)))
+    np.testing.assert_array_equal(np.asarray(outputs)[0], alone.value[0])
+
+
+def test_it_fits_or_it_is_refused():
+    vine = chain(5, to_left=False, actions=ACTIONS["box"])
+    with pytest.raises(ValueError, match=r"has depth 5 and does not fit into depth 4; choose --depth 5"):
+        places(vine, 4)
+    for depth in (0, 15):
+        with pytest.raises(ValueError, match=f"depth must be between 1 and 14, got {depth}"):
+            places(vine, depth)
+
+
+def test_every_other_feature_can_still_come_back():
+    """The chosen feature wins clearly, and entmax15 gives all the others something: their gradients are not zero."""
+    rng = np.random.default_rng(0)
+    tree = any_shape(rng, ACTIONS["discrete"])
+    actor = embed(tree, depth=DEPTH, rng=rng)
+    logits = np.asarray(actor.feature_logits)[places(tree, DEPTH).split >= 0]
+    first, second = np.sort(logits, axis=1)[:, [-1, -2]].T
+    assert len(logits) > 3
+    assert (first - second >= 0.999).all()
+    shares = np.asarray(entmax15(jnp.asarray(logits)))
+    assert (shares > 0).all()
+    assert (shares.max(axis=1) < 0.9).all()
+
+
+def leaf(actions: ActionSpec, value: Any) -> DecisionTree:
+    return replace(chain(0, to_left=True, actions=actions), value=np.float32([value]))
+
+
+THREE, PAIR = DiscreteActions(3), MultiDiscreteActions((2, 3))
+
+
+@pytest.mark.parametrize(
+    ("actions", "value", "chances"),
+    [
+        (THREE, [0, 1, 0], [0.1, 0.8, 0.1]),  # an action by its number
+        (THREE, np.log([1e-9, 1e-9, 1]), [0.1, 0.1, 0.8]),  # of scikit-learn
+        (THREE, [0, 0, 1e38], [0.1, 0.1, 0.8]),
+        (THREE, np.log([0.2, 0.3, 0.5]), [0.2, 0.3, 0.5]),
+        (THREE, [0, 0, 0], [1 / 3] * 3),
+        (THREE, [0, 1, 1], np.exp([0, 1, 1]) / np.exp([0, 1, 1]).sum()),  # a tie stays one
+        (THREE, np.log([0.005, 0.99, 0.005]), [0.005, 0.99, 0.005]),
+        (PAIR, [0, 1, 50, 0, 0], ([0.2, 0.8], [0.8, 0.1, 0.1])),
+        (PAIR, [0, 0.5, 0, 0, 1], (np.exp([0, 0.5]) / np.exp([0, 0.5]).sum(), [0.1, 0.1, 0.8])),
+    ],
+)
+def test_hard_leaves_become_a_policy_that_can_learn_and_logits_stay(actions, value, chances):
+    tree = leaf(actions, value)
+    soft = leaf_logits(tree, 0.8)
+    parts = actions.probabilities(soft)
+    for got, expected in zip(*((parts, chances) if actions is PAIR else ((parts,), (chances,))), strict=True):
+        np.testing.assert_allclose(got[0], expected, rtol=1e-5)
+    np.testing.assert_array_equal(actions.decide(soft), actions.decide(tree.value))
+    np.testing.assert_array_equal(leaf_logits(tree, 1.0), tree.value)
+
+
+def test_means_stay_and_the_noise_is_the_trees_or_else_the_presets():
+    def log_std(std: tuple[float, ...] | None) -> list[float]:
+        actions = BoxActions((-1.0, -1.0), (1.0, 1.0), (2,), std=std)
+        tree = leaf(actions, [3.0, -0.5])
+        actor = embed(tree, depth=1, rng=np.random.default_rng(0), log_std=-0.5)
+        np.testing.assert_array_equal(np.asarray(actor.leaf_values), tree.value[[0, 0]])
+        return np.asarray(actor.log_std).tolist()
+
+    assert log_std(None) == [-0.5, -0.5]
+    np.testing.assert_allclose(log_std((0.25, 0.0)), [np.log(0.25), -0.5], rtol=1e-6)
+    assert log_std((1.0, 1e-30)) == [0.0, -10.0]
+
+
+def test_a_scale_is_simpler_where_it_would_move_a_threshold():
+    """Below a spread of 4, zero and the smallest normal number would be one; a shift of 8 would round 0.3."""
+    wanted = Normalizer(jnp.float32([0, 0, 8, 8.1]), jnp.float32([0.25, 0.26, 1, 0.9]))
+    feature, kept = jnp.int32([0, 1, 2, 3, 3]), jnp.array([True, True, True, True, False])
+    normalizer = exact_normalizer(wanted, feature, jnp.float32([0, 0.5, 0.3, 9.5, 0.3]), kept)
+    assert np.asarray(normalizer.shift).tolist() == [0, 0, 0, 8]
+    assert np.asarray(normalizer.scale).tolist() == [1, 0.25, 1, 1]
+
+
+def test_the_next_float_passes_over_subnormal_numbers():
+    smallest = np.finfo(np.float32).smallest_normal
+    x = jnp.float32([0, -0.0, -smallest, smallest, 1, -1, 3.4028235e38])
+    expected = np.float32([smallest, smallest, 0, smallest * (1 + 2**-23), 1 + 2**-23, -1 + 2**-24, np.inf])
+    np.testing.assert_array_equal(np.asarray(next_float(x)), expected)
