@@ -64,7 +64,7 @@ def _sides(boxes: Boxes, feature: np.ndarray, threshold: np.ndarray) -> tuple[Bo
 
 def numbers(tree: DecisionTree, leaf: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n components"]:
     """Return the deterministic actions of leaves, a number a component, as claims speak of them."""
-    return tree.actions.decide(tree.value[leaf]).reshape(len(leaf), -1).astype(np.float64)
+    return tree.actions.decide(tree.value).reshape(tree.n_nodes, -1)[leaf].astype(np.float64)
 
 
 def acted(tree: DecisionTree, observations: Sequence[np.ndarray]) -> Float[np.ndarray, "n components"]:
