@@ -117,7 +117,13 @@ def leaf_tree(tree: DecisionTree, value: Float32[np.ndarray, " outputs"]) -> Dec
 
 
 def split_tree(feature: int, threshold: float, left: DecisionTree, right: DecisionTree) -> DecisionTree:
-    """Return the tree that asks one question and goes on with one of two trees of the same space."""
+    """Return the tree that asks one question and goes on with one of two trees of the same space.
+
+    Its visits are those of both, where both know theirs.
+    """
+    visits, (ours, theirs) = None, (left.n_node_samples, right.n_node_samples)
+    if ours is not None and theirs is not None:
+        visits = np.concatenate([[ours[0] + theirs[0]], ours, theirs])
     links = {}
     for name, root in zip(_LINKS, (1, 1 + left.n_nodes), strict=True):
         halves = (
@@ -131,7 +137,7 @@ def split_tree(feature: int, threshold: float, left: DecisionTree, right: Decisi
         feature=np.concatenate([[feature], left.feature, right.feature]),
         threshold=np.concatenate([[threshold], left.threshold, right.threshold]),
         value=np.concatenate([np.zeros((1, left.actions.n_outputs)), left.value, right.value]),
-        n_node_samples=None,
+        n_node_samples=visits,
     )
 
 

@@ -39,7 +39,7 @@ def send(boxes: Boxes, tree: DecisionTree) -> Arrivals:
         at_leaf = tree.is_leaf[node]
         done.append(Arrivals(boxes[at_leaf], node[at_leaf], origin[at_leaf]))
         boxes, origin, node = boxes[~at_leaf], origin[~at_leaf], node[~at_leaf]
-        boxes = joined(boxes, _sides(boxes, tree.feature[node], tree.threshold[node]))
+        boxes = joined(boxes, sides(boxes, tree.feature[node], tree.threshold[node]))
         origin = np.concatenate([origin, origin])
         node = np.concatenate([tree.children_left[node], tree.children_right[node]])
         kept = ~boxes.is_empty
@@ -52,7 +52,7 @@ def send(boxes: Boxes, tree: DecisionTree) -> Arrivals:
     )
 
 
-def _sides(boxes: Boxes, feature: np.ndarray, threshold: np.ndarray) -> tuple[Boxes, Boxes]:
+def sides(boxes: Boxes, feature: np.ndarray, threshold: np.ndarray) -> tuple[Boxes, Boxes]:
     """What of each box goes left and what goes right of a split, one a box."""
     rows = np.arange(len(boxes))
     high, nan, low = boxes.high.copy(), boxes.nan.copy(), boxes.low.copy()
