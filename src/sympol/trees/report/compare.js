@@ -41,8 +41,9 @@ function build() {
     el("footer", null, "Made by sympol. This file asks nothing of the network."));
   lanes.forEach((lane) => lane.draw());
   start(0);
-  whenPrinted(() => lanes.forEach(({ tree }) => tree?.unfold()));
-  addEventListener("resize", () => lanes.forEach(({ tree }) => tree?.fit()));
+  const trees = lanes.map(({ tree }) => tree).filter(Boolean);
+  whenPrinted(trees);
+  addEventListener("resize", () => matchMedia("print").matches || trees.forEach((tree) => tree.fit()));
 }
 
 build();

@@ -75,8 +75,8 @@ function build() {
   treeView.fit();
   if (films) start(0);
   else ask(observationPanel.values, false);
-  whenPrinted(() => treeView.unfold());
-  addEventListener("resize", () => treeView.fit());
+  whenPrinted([treeView]);
+  addEventListener("resize", () => matchMedia("print").matches || treeView.fit());
 }
 
 build();

@@ -112,13 +112,13 @@ function provenanceCard({ rows, config }) {
   return card("provenance", "Where this comes from", null, list, details);
 }
 
-/** On paper everything is open. */
-function whenPrinted(open) {
+/** On paper everything is open, and afterwards as it was. */
+function whenPrinted(trees) {
   const paper = matchMedia("print");
-  const change = () => {
-    if (!paper.matches) return;
-    document.querySelectorAll("details").forEach((details) => (details.open = true));
-    open();
-  };
-  paper.addEventListener("change", change);
+  let opened = [];
+  paper.addEventListener("change", () => {
+    if (paper.matches) opened = [...document.querySelectorAll("details:not([open])")];
+    opened.forEach((details) => (details.open = paper.matches));
+    trees.forEach((tree) => (paper.matches ? tree.toPaper() : tree.toScreen()));
+  });
 }

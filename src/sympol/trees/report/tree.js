@@ -2,6 +2,7 @@
 
 const SHOWN_AT_FIRST = 31; // nodes; of a larger tree the least visited parts are folded
 const READABLE = 0.55;
+const PAPER_WIDTH = 700;
 
 class TreeView {
   /** `onselect(node)` is told what the user looks at, null when nothing is. */
@@ -40,12 +41,31 @@ class TreeView {
     this.fit();
   }
 
+  /** Show all of the tree as wide as a sheet of paper, however many sheets that takes. */
+  toPaper() {
+    this.foldedOnScreen = this.folded;
+    this.folded = new Set();
+    this.draw({ width: PAPER_WIDTH, height: Infinity });
+    const { width, height } = this.layout;
+    this.zoom.set(2, 2, 1);
+    this.window.setAttribute("viewBox", `0 0 ${width + 4} ${height + 4}`);
+    this.window.style.maxWidth = `${width + 4}px`;
+  }
+
+  toScreen() {
+    this.folded = this.foldedOnScreen ?? this.folded;
+    this.window.removeAttribute("viewBox");
+    this.window.style.maxWidth = "";
+    this.draw();
+    this.fit();
+  }
+
   childrenOf = (node) =>
     isLeaf(this.policy.nodes[node]) || this.folded.has(node) ? [] : answersOf(this.policy.nodes[node]);
 
-  /** Draw what is not folded away. */
-  draw() {
-    this.layout = this.#layout();
+  /** Draw what is not folded away, downward or sideways, as it is larger in a room of this size. */
+  draw(room = { width: this.element.clientWidth, height: Math.max(420, 0.66 * window.innerHeight) }) {
+    this.layout = this.#layout(room);
     this.drawn = new Map();
     const edges = svg("g", { class: "edges", role: "presentation" });
     const nodes = svg("g", { role: "presentation" });
@@ -64,12 +84,10 @@ class TreeView {
     this.#light();
   }
 
-  #layout() {
+  #layout(room) {
     const both = [true, false].map((downward) =>
       arranged(this.childrenOf, (node) => this.boxes[node], downward));
-    const width = this.element.clientWidth || 800;
-    const height = Math.max(420, 0.66 * window.innerHeight);
-    const scale = (layout) => Math.min(width / layout.width, height / layout.height, 1);
+    const scale = (layout) => Math.min(room.width / layout.width, room.height / layout.height, 1);
     return scale(both[1]) > 1.1 * scale(both[0]) ? both[1] : both[0];
   }
 
