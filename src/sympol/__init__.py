@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .algos.start import Start
     from .envs.registry import register, resolve
     from .evaluate import evaluate_policy, watch
+    from .serving import RecordDecisions, SymbolicPolicy
     from .teachers import distill_policy
     from .trees import DecisionTree
 
@@ -35,6 +36,8 @@ _HOMES = {
     "distill_policy": "teachers",
     "evaluate_policy": "evaluate",
     "watch": "evaluate",
+    "RecordDecisions": "serving",
+    "SymbolicPolicy": "serving",
     "DecisionTree": "trees",
 }
 
@@ -42,7 +45,9 @@ __all__ = [
     "A2C",
     "PPO",
     "DecisionTree",
+    "RecordDecisions",
     "Start",
+    "SymbolicPolicy",
     "distill_policy",
     "evaluate_policy",
     "load",
