@@ -307,7 +307,7 @@ def test_wheel_drag_and_pinch_move_the_tree(tab, cartpole_page):
 
     start = place()
     box = window.bounding_box()
-    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] - 12
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] - 60
     page.mouse.move(*middle)
     page.mouse.wheel(0, 40)
     page.wait_for_timeout(60)
@@ -315,10 +315,8 @@ def test_wheel_drag_and_pinch_move_the_tree(tab, cartpole_page):
     page.locator("[data-node='0']").click()
     page.mouse.move(*middle)
     page.mouse.wheel(0, -200)
-    page.wait_for_function(
-        "(old) => Number(/scale.(.*)[)]/.exec(document.querySelector('.tree-window > g').getAttribute('transform'))[1]) > old",
-        arg=start[2],
-    )
+    page.wait_for_timeout(100)
+    assert place()[2] > start[2]
     page.get_by_role("button", name="Fit").click()
     before = place()
     page.mouse.move(*middle)
