@@ -81,7 +81,22 @@ class Boxes:
 
     def __getitem__(self, rows: slice | Sequence[int] | np.ndarray) -> Boxes:
         """Some of the boxes: a slice, positions, or a mask."""
-        return replace(self, low=self.low[rows], high=self.high[rows], nan=self.nan[rows])
+        return self._tight(self.low[rows], self.high[rows], self.nan[rows])
+
+    def joined(self, others: Sequence[Boxes]) -> Boxes:
+        """These boxes, and then others over the same features."""
+        both = (self, *others)
+        low, high, nan = ([getattr(boxes, name) for boxes in both] for name in ("low", "high", "nan"))
+        return self._tight(np.concatenate(low), np.concatenate(high), np.concatenate(nan))
+
+    def _tight(self, low: np.ndarray, high: np.ndarray, nan: np.ndarray) -> Boxes:
+        """Boxes that are known to be tight: most of the time in a proof would go into making them so again."""
+        boxes = object.__new__(Boxes)
+        for name, value in (("low", low), ("high", high), ("nan", nan)):
+            object.__setattr__(boxes, name, value)
+        object.__setattr__(boxes, "groups", self.groups)
+        object.__setattr__(boxes, "integers", self.integers)
+        return boxes
 
     @property
     def is_empty(self) -> Bool[np.ndarray, " boxes"]:

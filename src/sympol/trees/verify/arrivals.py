@@ -11,7 +11,6 @@ import numpy as np
 from ..boxes import Boxes
 from ..floats import next_above
 from ..tree import DecisionTree
-from .logic import joined
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -39,14 +38,15 @@ def send(boxes: Boxes, tree: DecisionTree) -> Arrivals:
         at_leaf = tree.is_leaf[node]
         done.append(Arrivals(boxes[at_leaf], node[at_leaf], origin[at_leaf]))
         boxes, origin, node = boxes[~at_leaf], origin[~at_leaf], node[~at_leaf]
-        boxes = joined(boxes, sides(boxes, tree.feature[node], tree.threshold[node]))
+        left, right = sides(boxes, tree.feature[node], tree.threshold[node])
+        boxes = left.joined([right])
         origin = np.concatenate([origin, origin])
         node = np.concatenate([tree.children_left[node], tree.children_right[node]])
         kept = ~boxes.is_empty
         boxes, origin, node = boxes[kept], origin[kept], node[kept]
     none = np.zeros(0, np.int64)
     return Arrivals(
-        joined(boxes, [part.boxes for part in done]),
+        boxes.joined([part.boxes for part in done]),
         np.concatenate([none, *(part.leaf for part in done)]),
         np.concatenate([none, *(part.origin for part in done)]),
     )

@@ -130,10 +130,4 @@ def joined(like: Boxes, several: Sequence[Boxes]) -> Boxes:
         raise ValueError(
             f"the condition has more than {_MOST_BOXES:,} cases; split it into several properties"
         )
-    none = like[:0]
-    return replace(
-        like,
-        low=np.concatenate([none.low, *(boxes.low for boxes in several)]),
-        high=np.concatenate([none.high, *(boxes.high for boxes in several)]),
-        nan=np.concatenate([none.nan, *(boxes.nan for boxes in several)]),
-    )
+    return like[:0].joined(several)
