@@ -1,0 +1,219 @@
+"""What became of a tree: its changes in words, and whose actions they change.
+
+As far as two trees ask the same from the root down they are compared node by node: other thresholds, other
+answers, subtrees cut or grown. Below a place where they part, what counts is what they do: each region in which
+the actions differ is told, exactly, with the action of either. Observations tell how much of it matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from .boxes import leaf_boxes, node_boxes, space
+from .edit import require_same_space, subtree, subtree_end
+from .region_words import region_words
+from .text import leaf_words, question
+from .tree import DecisionTree
+from .verify.arrivals import send
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+
+@final
+@dataclass(frozen=True)
+class Change:
+    """Something that was one way and is another, where these conditions hold."""
+
+    where: str
+    before: str
+    after: str
+
+    @property
+    def words(self) -> str:
+        """As a sentence."""
+        return f"{f'Where {self.where}' if self.where else 'Everywhere'}: {self.before} becomes {self.after}."
+
+
+@final
+@dataclass(frozen=True)
+class Visited:
+    """What the change does to observations that were given."""
+
+    n: int
+    """How many there were."""
+    counts: Mapping[tuple[str, str], int]
+    """How many got which action, and get which other one now, the most first."""
+
+    @property
+    def n_changed(self) -> int:
+        """How many get another action."""
+        return sum(self.counts.values())
+
+    @property
+    def share(self) -> float:
+        """Their part."""
+        return self.n_changed / self.n if self.n else 0.0
+
+    @property
+    def words(self) -> str:
+        """As a sentence."""
+        kinds = "; ".join(f"{a} becomes {b} in {count:,}" for (a, b), count in self.counts.items())
+        changed = f"{self.n_changed:,} of {self.n:,} states get another action ({100 * self.share:.2g} %)"
+        return f"{changed}{': ' if kinds else ''}{kinds}."
+
+
+@final
+@dataclass(frozen=True)
+class Difference:
+    """All that is different between two trees."""
+
+    changes: tuple[Change, ...]
+    acts_alike: bool
+    """Whether every observation within the bounds gets the same action of both."""
+    visited: Visited | None
+    """None where no observations were given."""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All of it, a sentence a change."""
+        told = tuple(change.words for change in self.changes)
+        if self.acts_alike:
+            told += ("Both act alike on every observation within the bounds.",)
+        return told if self.visited is None else (*told, self.visited.words)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain JSON."""
+        plain: dict[str, Any] = {
+            "changes": [{"where": c.where, "before": c.before, "after": c.after} for c in self.changes],
+            "acts_alike": self.acts_alike,
+        }
+        if self.visited is not None:
+            counts = [{"before": a, "after": b, "states": n} for (a, b), n in self.visited.counts.items()]
+            plain["visited"] = {
+                "states": self.visited.n,
+                "share_changed": self.visited.share,
+                "changed": counts,
+            }
+        return plain
+
+    def __str__(self) -> str:
+        """The sentences, a line each."""
+        return "\n".join(self.sentences)
+
+
+def diff(before: DecisionTree, after: DecisionTree, observations: ArrayLike | None = None) -> Difference:
+    """Tell two trees apart.
+
+    Args:
+        before: The one.
+        after: The other, of the same features, groups and actions.
+        observations: States to count in, such as those that were visited, [batch, features].
+
+    Raises:
+        ValueError: trees of other spaces, or observations that are not the trees'.
+        TypeError: observations that hold no numbers.
+    """
+    require_same_space(before, after)
+    visited = (
+        None if observations is None else _visited(before, after, np.atleast_2d(np.asarray(observations)))
+    )
+    alike = next(regions(before, after), None) is None
+    return Difference(tuple(_changes(before, after)), alike, visited)
+
+
+def _visited(before: DecisionTree, after: DecisionTree, x: np.ndarray) -> Visited:
+    leaves = np.stack([np.atleast_1d(before.apply(x)), np.atleast_1d(after.apply(x))], axis=1)
+    counts: dict[tuple[str, str], int] = {}
+    for (a, b), count in zip(*np.unique(leaves, axis=0, return_counts=True), strict=True):
+        if _acts(before, a) != _acts(after, b):
+            said = ", ".join(leaf_words(before, a)), ", ".join(leaf_words(after, b))
+            counts[said] = counts.get(said, 0) + int(count)
+    return Visited(len(x), dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
+
+
+def _changes(before: DecisionTree, after: DecisionTree) -> Iterator[Change]:
+    """Go down both trees together as long as they ask the same."""
+    start, boxes = space(before, bounds=True), node_boxes(before, bounds=True)
+    awaited = [(0, 0)]
+    while awaited:
+        a, b = awaited.pop()
+        where = region_words(before, boxes[[a]], start)
+        if before.is_leaf[a] and after.is_leaf[b]:
+            if _acts(before, a) != _acts(after, b):
+                yield Change(where, _said(before, a), _said(after, b))
+        elif before.is_leaf[a] or after.is_leaf[b]:
+            if not _same(before, after, a, b):
+                yield Change(where, _all_said(before, a), _all_said(after, b))
+        elif _asks(before, a) == _asks(after, b):
+            sides = ("children_right", "children_left")
+            awaited += [(int(getattr(before, side)[a]), int(getattr(after, side)[b])) for side in sides]
+        elif (changed := _reworded(before, after, a, b)) is not None:
+            for own, other in changed:
+                where = region_words(before, boxes[[own]], start)
+                yield Change(where, _said(before, own), _said(after, other))
+        else:
+            yield from regions(before, after, a, b)
+
+
+def _reworded(before: DecisionTree, after: DecisionTree, a: int, b: int) -> list[tuple[int, int]] | None:
+    """The nodes that differ where the form below is the same and most nodes are; None where it is not."""
+    parts = subtree(before, a), subtree(after, b)
+    if parts[0].children_left.tolist() != parts[1].children_left.tolist():
+        return None
+    differ = [
+        (a + i, b + i)
+        for i in range(parts[0].n_nodes)
+        if _asks(parts[0], i) != _asks(parts[1], i) or _acts(parts[0], i) != _acts(parts[1], i)
+    ]
+    return differ if len(differ) <= max(1, parts[0].n_nodes // 3) else None
+
+
+def regions(before: DecisionTree, after: DecisionTree, a: int = 0, b: int = 0) -> Iterator[Change]:
+    """Go through all regions within the bounds in which two trees of one space act differently.
+
+    Only observations count that come by node ``a`` of the one and by node ``b`` of the other. The regions do not
+    overlap, and outside of them both act alike.
+    """
+    start, boxes = space(before, bounds=True), leaf_boxes(before, bounds=True)
+    leaves = np.flatnonzero(before.is_leaf)
+    for i, leaf in enumerate(leaves.tolist()):
+        if not a <= leaf < subtree_end(before, a):
+            continue
+        # one leaf after the other: all at once could be very many regions
+        ends = send(boxes[[i]], after)
+        for j, end in enumerate(ends.leaf.tolist()):
+            if b <= end < subtree_end(after, b) and _acts(before, leaf) != _acts(after, end):
+                yield Change(
+                    region_words(before, ends.boxes[[j]], start), _said(before, leaf), _said(after, end)
+                )
+
+
+def _same(before: DecisionTree, after: DecisionTree, a: int, b: int) -> bool:
+    return next(regions(before, after, a, b), None) is None
+
+
+def _asks(tree: DecisionTree, node: int) -> tuple[int, float]:
+    return int(tree.feature[node]), float(tree.threshold[node])
+
+
+def _acts(tree: DecisionTree, leaf: int) -> list[float]:
+    """What a leaf does; nothing, at an inner node."""
+    return tree.actions.decide(tree.value[[leaf]]).ravel().tolist() if tree.is_leaf[leaf] else []
+
+
+def _said(tree: DecisionTree, node: int) -> str:
+    """What a leaf does, or what an inner node asks."""
+    if tree.is_leaf[node]:
+        return ", ".join(leaf_words(tree, node))
+    return f"“{question(tree, node).words}”"
+
+
+def _all_said(tree: DecisionTree, node: int) -> str:
+    """The same, and how much there is below."""
+    n = subtree_end(tree, node) - node - 1
+    return f"{_said(tree, node)} with {n} nodes below" if n else _said(tree, node)
