@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from textwrap import wrap
+from textwrap import fill
 from typing import TYPE_CHECKING, Literal, TypeAlias, final
 
 import numpy as np
@@ -134,8 +134,7 @@ def answers(tree: DecisionTree) -> Answers:
     """
     leaves = np.flatnonzero(tree.is_leaf)
     decided = tree.actions.decide(tree.value[leaves]).reshape(len(leaves), -1)
-    largest = np.inf if decided.dtype == np.float32 else LARGEST_ACTION
-    if not (np.isfinite(decided) & (np.abs(decided.astype(np.float64)) <= largest)).all():
+    if not (np.isfinite(decided) if decided.dtype == np.float32 else np.abs(decided) <= LARGEST_ACTION).all():
         raise ValueError(
             f"actions must be finite, and whole ones within ±2^53, which every language can hold; got {tree.actions!r}"
         )
@@ -244,6 +243,12 @@ def check_style(style: str, styles: Sequence[str]) -> None:
 
 def filled(items: Iterable[object], indent: str = "    ") -> str:
     """Write items with commas between them, as many a line as fit."""
-    joined = ", ".join(str(item).replace(" ", "\0") for item in items)
-    lines = wrap(joined, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
-    return "\n".join(lines).replace("\0", " ")
+    joined = ", ".join(map(str, items))
+    return fill(
+        joined,
+        WIDTH,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_on_hyphens=False,
+        break_long_words=False,
+    )

@@ -11,6 +11,7 @@ is not one-hot.
 from __future__ import annotations
 
 import builtins
+import keyword
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -76,7 +77,7 @@ def _seen(x):
 """
 
 _ANSWERS = {DiscreteActions: "an int", MultiDiscreteActions: "a tuple of ints"}
-_TAKEN = {*dir(builtins), "act", "observation", "array", "see", "x"}
+_TAKEN = {*dir(builtins), *keyword.kwlist, "act", "observation", "array", "see", "x"}
 
 
 def to_python(tree: DecisionTree) -> str:
