@@ -1,7 +1,7 @@
 """The language of rules, read by hand: text in, `Rule` out; nothing in it is ever run.
 
 ```
-rule       when CONDITION then CLAIM  |  [never | always] CLAIM [when CONDITION]
+rule       when CONDITION then CLAIM  |  CLAIM [when CONDITION]
 CONDITION  terms joined by "or", "and", "not" and parentheses
   term     pole angle > 0.1            <, <=, >, >=, =, != and ≤, ≥, ≠
            -0.1 < pole angle <= 0.1
@@ -9,12 +9,12 @@ CONDITION  terms joined by "or", "and", "not" and parentheses
            front is lava               front is not lava, front is one of lava, wall,
                                        front is neither lava nor wall
            hand of 12                  a feature of a group alone: it is the one
-CLAIM      terms joined likewise, or one monotonicity
+CLAIM      [never | always] terms joined likewise, or one monotonicity
   term     action is push right        action is not …, is one of …, is never …, is always …, never is …
            action is 1                 options by number
            steer is left               a component of several, by its name
            torque between -1 and 1     continuous: compared as features are
-  monotony torque is increasing in angular velocity         or decreasing: never falls, never rises
+  alone    torque is increasing in angular velocity   a monotonicity: never falls; or decreasing: never rises
 ```
 
 Names stand as they are, the longest that fits, with or without the unit in parentheses that they end in; in
@@ -86,12 +86,7 @@ def _rule(scanner: Scanner, tree: DecisionTree) -> Rule:
         if not scanner.word("then"):
             scanner.fail("expected 'and', 'or' or 'then'")
         return Rule(before, _claim(scanner, tree))
-    never = scanner.word("never", "always") == "never"
     claim = _claim(scanner, tree)
-    if never:
-        if isinstance(claim, Monotone):
-            scanner.fail("'never' has no meaning before a monotonicity; leave it out")
-        claim = Not(claim)
     return Rule(condition() if scanner.word("when") else ALWAYS, claim)
 
 
@@ -105,11 +100,12 @@ def _claim(scanner: Scanner, tree: DecisionTree) -> Condition | Monotone:
             return ALWAYS
         return claim
 
+    never = scanner.word("never", "always") == "never"
     joined = _joined(scanner, term)
     if not found:
-        return joined
-    if joined != ALWAYS:
-        scanner.fail("a monotonicity is a claim of its own; make two properties of it")
+        return Not(joined) if never else joined
+    if joined != ALWAYS or never:
+        scanner.fail("a monotonicity is a claim of its own, without 'and', 'or', 'not' and 'never'")
     return found[0]
 
 

@@ -133,7 +133,7 @@ class Scanner:
         end = _END_OF_NAME.search(self.text, self._at)
         name = self.text[self._at : end.start() if end else len(self.text)].strip()
         if not name:
-            self.fail(f"expected the name of {what}; {did_you_mean(name, names)}")
+            self.fail(f"expected {'an' if what[0] in 'aeiou' else 'a'} {what}; {did_you_mean(name, names)}")
         self.fail(f"unknown {what} {printable(name)!r}; {did_you_mean(name, names)}")
 
     def fail(self, problem: str) -> Never:
