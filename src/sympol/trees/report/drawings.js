@@ -27,7 +27,7 @@ function drawnCartPole([position, , angle]) {
   const [x, y] = [150 + clipped(position, -2.6, 2.6) * scale, 140];
   const end = [x + Math.sin(angle) * 100, y - 8 - Math.cos(angle) * 100];
   return [
-    line(0, 152, 300, 152, "ground"),
+    line(-400, 152, 700, 152, "ground"), // beyond the picture, however wide it is
     svg("rect", { x: x - 25, y: y - 12, width: 50, height: 24, rx: 3, class: "thing" }),
     line(x, y - 8, ...end, "pole"),
     dot(x, y - 8, 4, "joint"),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 DIGITS = 4
 """Of thresholds in the picture; sentences and programs have them exactly."""
 MOST_NODES = 5000
+_MOST_OF_A_SCALE = 7
 
 
 def policy_data(
@@ -60,7 +61,7 @@ def policy_data(
         ],
         "side": view_side(tree.groups),
         "glyphs": _glyphs(tree),
-        "legend": _legend(tree),
+        "legend": _legend(tree, colours),
         "importance": importance(tree),
         "depth": tree.depth,
     }
@@ -154,11 +155,15 @@ def _numbers(
     ]
 
 
-def _legend(tree: DecisionTree) -> list[dict[str, Any]]:
-    """Say which colour is which action, where there are few."""
+def _legend(tree: DecisionTree, colours: list[tuple[str, ...]]) -> list[dict[str, Any]]:
+    """Say which colour is which action; of continuous ones, some from the least to the largest."""
     actions = tree.actions
     if isinstance(actions, BoxActions):
-        return []
+        decided = actions.decide(tree.value).reshape(tree.n_nodes, -1)
+        return [
+            {"name": printable(name), "options": _scale(decided[:, k], tree, [c[k] for c in colours])}
+            for k, name in enumerate(actions.names)
+        ]
     components = actions.options if isinstance(actions, MultiDiscreteActions) else (actions.names,)
     names = actions.names if isinstance(actions, MultiDiscreteActions) else ("",)
     return [
@@ -168,6 +173,13 @@ def _legend(tree: DecisionTree) -> list[dict[str, Any]]:
         }
         for name, options in zip(names, components, strict=True)
     ]
+
+
+def _scale(decided: Float32[np.ndarray, " nodes"], tree: DecisionTree, colours: list[str]) -> list[list[str]]:
+    values, leaves = np.unique(decided[tree.is_leaf], return_index=True)
+    chosen = np.unique(np.linspace(0, len(values) - 1, _MOST_OF_A_SCALE).round().astype(int))
+    nodes = np.flatnonzero(tree.is_leaf)[leaves]
+    return [[number(float(values[i]), DIGITS), colours[nodes[i]]] for i in chosen]
 
 
 def _glyphs(tree: DecisionTree) -> list[dict[str, Any]]:
