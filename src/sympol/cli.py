@@ -1,4 +1,4 @@
-"""``sympol``: train, show, eval, watch, export, resume, distill, bench, tune.
+"""``sympol``: the command line.
 
 The commands are thin: each parses its arguments, calls the verbs, and prints.
 """
@@ -20,6 +20,8 @@ sympol: reinforcement learning whose policy is a decision tree you can read
   sympol report RUN            a web page: the tree, episodes, sliders, returns; open it from disk
   sympol compare RUN RUN ...   a web page: several policies on the same episodes
   sympol verify RUN            prove what the policy always does, or never; find where it does not
+  sympol explain RUN           why it acts as it does in one state, and what would make it act otherwise
+  sympol diff RUN RUN          what is different between two trees, in words, and in the states one visits
   sympol resume RUN            go on with an interrupted training
   sympol distill TEACHER       make a tree of an MLP, a soft tree, a stable-baselines3 model or any function
   sympol bench TABLE           run what a table of the paper lacks, and write it: control-ppo, minigrid, ...

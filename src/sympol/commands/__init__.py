@@ -46,6 +46,18 @@ def _verify(arguments: Sequence[str]) -> int:
     return verify(arguments)
 
 
+def _explain(arguments: Sequence[str]) -> int:
+    from .explain import explain
+
+    return explain(arguments)
+
+
+def _diff(arguments: Sequence[str]) -> int:
+    from .diff import diff
+
+    return diff(arguments)
+
+
 def _tune(arguments: Sequence[str]) -> int:
     from .tune import tune
 
@@ -61,6 +73,8 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "report": _report,
     "compare": _compare,
     "verify": _verify,
+    "explain": _explain,
+    "diff": _diff,
     "resume": train.resume,
     "distill": _distill,
     "bench": _bench,

@@ -34,13 +34,16 @@ def did_you_mean(name: str, names: Sequence[str]) -> str:
 
 
 def position(name: str, names: Sequence[str], what: str) -> int:
-    """Return where a name is among these, as it is or as it is printed.
+    """Return where a name is among these, as it is, as it is printed, or without the unit that it ends in.
 
     Raises:
         ValueError: if it is none of them, or more than one is called so.
     """
+    from .verify.names import without_units  # the language of rules is built on this module
+
     found = [i for i, one in enumerate(names) if one == name]
     found = found or [i for i, one in enumerate(names) if printable(one).strip() == name.strip()]
+    found = found or [i for i, one in enumerate(names) if one == without_units(names).get(name.strip())]
     if not found:
         raise ValueError(f"unknown {what} {name!r}; {did_you_mean(name, names)}")
     if len(found) > 1:
