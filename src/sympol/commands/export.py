@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from ..distill.soft_view import SoftView
 
 PICTURES = ("svg", "pdf", "png")
+PACKAGE = "package"
+"""A folder of files, not one."""
 OBSERVATIONS = 100_000
 """What ``--check`` tries."""
 
@@ -39,17 +41,19 @@ class Export:
     tree: Folder
     """A run's folder; or the .json or .txt of a tree."""
 
-    to: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join((*FORMATS, *PICTURES))}}}")] = "python"
+    to: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join((*FORMATS, *PICTURES, PACKAGE))}}}")] = "python"
     """What to write."""
 
     out: Path | None = None
-    """Where to; by default texts go to the standard output, pictures and models to RUN/tree.SUFFIX."""
+    """Where to; by default texts go to the standard output, pictures and models to RUN/tree.SUFFIX. Of a package the
+    folder."""
 
     style: str | None = None
     """Of C and JavaScript ifs or table; of SQL postgresql or sqlite."""
 
     name: str | None = None
-    """What the names in C begin with, and what an ONNX graph is called; policy by default."""
+    """What the names in C begin with, and what an ONNX graph is called; policy by default. Of a package its name, by
+    default its folder's."""
 
     check: bool = False
     """Compile it and run it here, now, on 100,000 observations, and compare it with the tree."""
@@ -59,6 +63,8 @@ class Export:
 def export(arguments: Sequence[str]) -> int:
     """``sympol export``."""
     given = parse(Export, "export", arguments)
+    if given.to == PACKAGE:
+        return _package(given)
     if given.to not in PICTURES:
         _check_format(given)
     elif given.check or _options(given):
@@ -76,6 +82,14 @@ def export(arguments: Sequence[str]) -> int:
     return 0
 
 
+def _package(given: Export) -> int:
+    from .package import export_package
+
+    if given.check or given.style is not None:
+        raise ValueError("a package takes no --style or --check: its own test is in it")
+    return export_package(given.tree, given.out, given.name)
+
+
 def _options(given: Export) -> Mapping[str, Any]:
     return {key: value for key in ("style", "name") if (value := getattr(given, key)) is not None}
 
@@ -85,7 +99,7 @@ def _check_format(given: Export) -> None:
     try:
         taken = format_of(given.to).options
     except ValueError as error:
-        raise ValueError(f"{error}, {', '.join(PICTURES)}") from None
+        raise ValueError(f"{error}, {', '.join((*PICTURES, PACKAGE))}") from None
     for option in _options(given):
         if option not in taken:
             raise ValueError(f"{given.to} takes no --{option}; leave it out")
