@@ -1,6 +1,8 @@
 """A decision tree policy, written by sympol. It needs nothing but Python.
 
 act(observation) takes one number a feature, in the order of FEATURES, and returns an int.
+The tree compares float32 numbers. Thresholds are written so that comparing float (and float32) numbers with them
+decides the same: each is the largest float that rounds to what its comment says.
 """
 
 from array import array
@@ -67,39 +69,35 @@ GROUPS = (
 )
 
 
-def act(observation):
-    # the tree compares float32 numbers, so the observation is rounded to float32 first
-    x = array("f", list(observation))
-    if len(x) != len(FEATURES):
-        raise ValueError(f"expected {len(FEATURES)} numbers {FEATURES}, got {len(x)}")
-    return _node_0(x, _seen(x))
-
-
 def _seen(x):
     see = {}
     for name, features, categories in GROUPS:
         values = [x[feature] for feature in features]
-        # as to the tree, a number below float32's normal range is 0
-        if values.count(1) != 1 or sum(abs(value) < 2.0**-126 for value in values) != len(values) - 1:
-            raise ValueError(f"{name!r} must be a single 1 and otherwise 0, got {values} in {x.tolist()}")
+        if values.count(1) != 1 or values.count(0) != len(values) - 1:
+            # to the tree they are float32 numbers, and below float32's normal range they are 0
+            values = [value if abs(value) >= 2.0**-126 else value * 0.0 for value in array("f", values)]
+            if values.count(1) != 1 or values.count(0) != len(values) - 1:
+                raise ValueError(f"{name!r} must be a single 1 and otherwise 0, got {values} in {x}")
         see[name] = categories[values.index(1)]
     return see
 
 
-def _node_0(x, see):
+def act(observation):
+    x = list(observation)
+    if len(x) != len(FEATURES):
+        raise ValueError(f"expected {len(FEATURES)} numbers {FEATURES}, got {len(x)}")
+    see = _seen(x)
     if see['front'] == 'empty':
         if see['2 ahead, 1 right'] == 'lava':
             return 1  # turn right
-        elif see['left'] == 'wall':
+        if see['left'] == 'wall':
             return 1  # turn right
-        else:
-            return 2  # move forward
-    elif see['2 ahead'] == 'lava':
-        return 1  # turn right
-    elif see['front'] == 'wall':
-        return 0  # turn left
-    else:
         return 2  # move forward
+    if see['2 ahead'] == 'lava':
+        return 1  # turn right
+    if see['front'] == 'wall':
+        return 0  # turn left
+    return 2  # move forward
 
 
 if __name__ == "__main__":
