@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import re
-from decimal import Decimal
+from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -277,6 +277,9 @@ def test_numbers_are_those_that_are_written():
         "3.4028236e38",
         "1e39",
     ]
+    exactly = Decimal(float(np.finfo(np.float32).smallest_normal))
+    with localcontext(prec=200):
+        texts += [str(sign * (exactly + Decimal(by))) for sign in (-1, 1) for by in ("0", "1e-90", "-1e-90")]
     texts += [str(x) for x in rng.normal(size=50)] + [repr(float(np.float32(x))) for x in rng.normal(size=50)]
     holds = {
         "<": lambda x, r: x < r,

@@ -45,7 +45,8 @@ def _lowest(holds: Callable[[Decimal], bool], number: Decimal) -> float:
 
 
 def _highest(holds: Callable[[Decimal], bool], number: Decimal) -> float:
-    return -_lowest(lambda x: holds(-x), -number)
+    # copy_negate, for a minus rounds to 28 digits
+    return -_lowest(lambda x: holds(x.copy_negate()), number.copy_negate())
 
 
 def _decimal(x: np.ndarray) -> Decimal:

@@ -1,0 +1,282 @@
+"""Verdicts against brute force over every cell that observations can fall into, NaN and infinities among them."""
+
+import dataclasses
+from fractions import Fraction
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sympol.trees import BoxActions, DecisionTree, DiscreteActions
+from sympol.trees.boxes import space
+from sympol.trees.floats import next_above
+from sympol.trees.verify import Property, action_range, equal, possible_actions, verify
+
+from ..samples import ACTIONS, consistent, random_grouped_tree, random_tree
+
+pytest.importorskip("z3", reason="the questions are those for z3, pip install z3-solver")
+from .oracle import as_text, decided, greatest, is_true, random_case, random_claim, random_condition
+
+
+def literals(said, feature) -> list[float]:
+    """The float32 numbers at which a condition's comparisons of a feature change."""
+    match said:
+        case ("not", part):
+            return literals(part, feature)
+        case ("and" | "or", parts):
+            return [number for part in parts for number in literals(part, feature)]
+        case ("cmp", position, relation, text) if position == feature:
+            return [float(greatest(Fraction(text), below=relation in ("<", ">=")))]
+    return []
+
+
+def every_kind_of_observation(tree: DecisionTree, *conditions) -> np.ndarray:
+    """One observation at least for each set of answers to all questions of a tree and of conditions."""
+    axes = []
+    for f in range(tree.n_features):
+        if f in tree.group_of:
+            axes.append(np.float32([0, 1]))
+            continue
+        cuts = np.float32([number for said in conditions for number in literals(said, f)])
+        cuts = np.concatenate([cuts, tree.threshold[tree.feature == f]])
+        ends = [tree.feature_low[f], tree.feature_high[f], 0, -np.inf, np.inf, np.nan]
+        if f in tree.integers:
+            cuts, ends = np.floor(np.concatenate([cuts, tree.feature_high[[f]]])), [0]
+            cuts = np.concatenate([cuts, cuts + 1, np.ceil(tree.feature_low[[f]]), [-9, 9]])
+            axes.append(np.unique(cuts[np.isfinite(cuts)]).astype(np.float32) + np.float32(0))
+            continue
+        axes.append(np.unique(np.concatenate([cuts, next_above(cuts), np.float32(ends)])))
+    return consistent(tree, np.array(list(product(*axes)), np.float32))
+
+
+def compared(number: float, relation: str, text: str) -> bool:
+    if np.isinf(number):
+        return (number > 0) == (relation in (">", ">="))
+    at_most = Fraction(number) <= greatest(Fraction(text), below=relation in ("<", ">="))
+    return at_most == (relation in ("<", "<="))
+
+
+def truth(said, x, tree, *, negated=False) -> bool:
+    """Whether a condition, or its opposite, is true of an observation."""
+    match said:
+        case ("not", part):
+            return truth(part, x, tree, negated=not negated)
+        case ("and" | "or" as join, parts):
+            each = [truth(part, x, tree, negated=negated) for part in parts]
+            return all(each) if (join == "and") != negated else any(each)
+        case ("is", which, categories):
+            return any(x[tree.groups[which].features[i]] == 1 for i in categories) != negated
+        case ("cmp", position, relation, text):
+            # where a number is NaN, neither a comparison nor its opposite is true
+            number = float(x[position])
+            return not np.isnan(number) and compared(number, relation, text) != negated
+    raise AssertionError(said)
+
+
+@pytest.mark.parametrize("grouped", [False, True])
+@pytest.mark.parametrize("bounds", [False, True])
+def test_rules_hold_where_no_observation_is_against_them(grouped, bounds):
+    rng = np.random.default_rng([3, grouped, bounds])
+    held = []
+    for _ in range(40):
+        tree = random_case(rng, grouped=grouped, depth=2)
+        condition, claim = random_condition(rng, tree, depth=1), random_claim(rng, tree)
+        x = every_kind_of_observation(tree, condition)
+        x = x[space(tree, bounds=bounds).contains(x)[0]]
+        x = x[[truth(condition, row, tree) for row in x]]
+        right = {
+            int(leaf): is_true(claim, decided(tree, leaf), tree) for leaf in np.flatnonzero(tree.is_leaf)
+        }
+        ends = np.atleast_1d(tree.apply(x)) if len(x) else np.zeros(0, int)
+        names = ("action",) if isinstance(tree.actions, DiscreteActions) else tree.actions.names
+        rule = f"when {as_text(condition, tree, tree.feature_names)} then {as_text(claim, tree, names)}"
+        (verdict,) = verify(tree, [Property(rule, within_bounds=bounds)])
+        assert verdict.holds == all(right[int(leaf)] for leaf in ends), rule
+        assert verdict.vacuous == (len(x) == 0), rule
+        assert verdict.n_leaves == len({*ends.tolist()})
+        assert verdict.n_violating == len({leaf for leaf in ends.tolist() if not right[leaf]})
+        held.append(verdict.holds)
+        if not verdict.holds:
+            found = verdict.counterexample
+            assert found is not None
+            assert truth(condition, found, tree)
+            assert not right[int(tree.apply(found))]
+            assert space(tree, bounds=bounds).contains(found[None]).all()
+    assert 5 < sum(held) < 35
+
+
+def test_the_counterexample_of_two_trees_is_the_smallest():
+    rng = np.random.default_rng(5)
+    sizes = []
+    for _ in range(60):
+        tree = random_tree(rng, ACTIONS["discrete"], depth=2)
+        value = tree.value.copy()
+        value[rng.choice(np.flatnonzero(tree.is_leaf))] *= -1
+        other = dataclasses.replace(tree, value=value)
+        x = every_kind_of_observation(tree)
+        x = x[((x >= tree.feature_low) & (x <= tree.feature_high)).all(axis=1)]
+        differ = x[tree.predict(x) != other.predict(x)]
+        verdict = equal(tree, other)
+        assert verdict.holds == (len(differ) == 0)
+        if not verdict.holds:
+            found = verdict.counterexample
+            assert found is not None
+            assert tree.predict(found) != other.predict(found)
+            assert np.count_nonzero(found) == np.count_nonzero(differ, axis=1).min()
+            sizes.append(np.count_nonzero(found))
+    assert len(set(sizes)) > 2
+
+
+@pytest.mark.parametrize("kind", ACTIONS)
+@pytest.mark.parametrize("make", [random_tree, random_grouped_tree])
+def test_a_pruned_tree_is_equal_and_a_changed_one_is_not(kind, make):
+    rng = np.random.default_rng(6)
+    for depth in (0, 1, 4, 7):
+        tree = make(rng, ACTIONS[kind], depth=depth)
+        assert equal(tree, tree.prune()).holds
+        assert equal(tree, tree.prune(bounds=False), within_bounds=False).holds
+        small = tree.prune(merge=False)
+        leaf = int(np.flatnonzero(small.is_leaf)[-1])
+        value = small.value.copy()
+        value[leaf] = -10 * np.sign(value[leaf]) if kind == "box" else -value[leaf]
+        changed = dataclasses.replace(small, value=value)
+        verdict = equal(tree, changed)
+        assert not verdict.holds
+        assert verdict.n_violating >= 1
+        found = verdict.counterexample
+        assert (tree.predict(found) != changed.predict(found)).any()
+        assert "; the other: " in verdict.words
+
+
+def test_trees_that_cannot_be_compared_are_refused(cartpole, pendulum, front):
+    with pytest.raises(ValueError, match="other features: 'cart position' and 'cos θ'"):
+        equal(cartpole, pendulum)
+    with pytest.raises(ValueError, match="2 actions from number 0 and 2 actions from number 1"):
+        equal(cartpole, dataclasses.replace(cartpole, actions=DiscreteActions(2, start=1)))
+    group = dataclasses.replace(front.groups[0], name="elsewhere")
+    with pytest.raises(ValueError, match="other groups"):
+        equal(front, dataclasses.replace(front, groups=[group]))
+    assert equal(front, dataclasses.replace(front, groups=())).holds
+
+
+def test_verdicts_say_what_was_proven_and_what_not(cartpole):
+    holds, fails, vacuous = cartpole.verify(
+        "when pole angle > 0.1 and pole angular velocity > 0.5 then action is push right",
+        Property("action is never push left", "always right"),
+        "when pole angle > 1 then action is push left",
+    )
+    assert str(holds).endswith("then action is push right: holds: proven for 1 leaf")
+    assert str(fails) == (
+        "always right: fails in 2 of 4 leaves: cart position = 0, cart velocity = 0, pole angle = 0, "
+        "pole angular velocity = -0.05: push left"
+    )
+    assert vacuous.holds
+    assert vacuous.words == "holds vacuously: no observation meets the condition"
+    assert vacuous.n_leaves == 0
+
+
+def test_nan_counts_only_outside_the_bounds_and_where_nothing_is_said_of_it(pendulum):
+    # NaN goes right, as +inf does: there the torque is -2
+    at_most = Property("when sin θ <= 0 then torque > 0", within_bounds=False)
+    assert pendulum.verify(at_most)[0].holds
+    not_greater = Property("when not sin θ > 0 then torque > 0", within_bounds=False)
+    assert pendulum.verify(not_greater)[0].holds, "the opposite of greater is at most, which NaN is not"
+    assert pendulum.predict([np.nan, np.nan, np.nan]) == [-2]
+
+
+def test_a_condition_may_be_met_by_nan_in_other_features():
+    """x may be NaN where only y is spoken of: right of x <= FLT_MAX are +inf and NaN."""
+    largest = np.finfo(np.float32).max
+    tree = DecisionTree.from_complete(
+        np.array([0]), np.array([largest]), np.eye(2), actions=DiscreteActions(2), feature_names=["x", "y"]
+    )
+    everywhere = Property("when y > 0 then action is 0", within_bounds=False)
+    (verdict,) = tree.verify(everywhere)
+    assert verdict.counterexample is not None
+    assert verdict.counterexample[0] == np.inf
+    (finite,) = tree.verify(
+        Property(f"when y > 0 and x <= {largest:.0f} then action is 0", within_bounds=False)
+    )
+    assert finite.holds
+
+
+def test_monotone_is_proven_and_refuted_by_a_pair(pendulum, cartpole):
+    falls, rises = pendulum.verify("torque is decreasing in sin θ", "torque is increasing in sin θ")
+    assert falls.holds
+    assert not rises.holds
+    x, y = (example.observation for example in rises.examples)
+    assert x[1] < y[1]
+    assert (np.delete(x, 1) == np.delete(y, 1)).all()
+    assert pendulum.predict(x) > pendulum.predict(y)
+    assert "; then " in rises.words
+    assert pendulum.verify("when sin θ > 0 then torque is increasing in sin θ")[0].holds
+    assert cartpole.verify("action is increasing in pole angle")[0].holds
+    assert not cartpole.verify("action is decreasing in pole angle")[0].holds
+    assert cartpole.verify("action is increasing in pole angular velocity")[0].holds
+
+
+@pytest.mark.parametrize("grouped", [False, True])
+def test_possible_actions_are_those_that_observations_get(grouped):
+    rng = np.random.default_rng([7, grouped])
+    for _ in range(30):
+        tree = random_case(rng, grouped=grouped, depth=2)
+        condition = random_condition(rng, tree, depth=1)
+        x = every_kind_of_observation(tree, condition)
+        x = x[space(tree, bounds=True).contains(x)[0]]
+        x = x[[truth(condition, row, tree) for row in x]]
+        when = as_text(condition, tree, tree.feature_names)
+        found = possible_actions(tree, when)
+        expected = np.unique(tree.predict(x), axis=0) if len(x) else found[:0]
+        assert np.array_equal(found, expected)
+        if isinstance(tree.actions, BoxActions):
+            ends = action_range(tree, when)
+            assert bool(ends) == bool(len(x))
+            for i, (low, high) in enumerate(ends.values()):
+                numbers = expected.reshape(len(expected), -1)[:, i]
+                assert (low, high) == (numbers.min(), numbers.max())
+        else:
+            with pytest.raises(TypeError, match="only continuous actions have a range"):
+                action_range(tree, when)
+
+
+def test_verify_takes_rules_properties_and_files(cartpole, tmp_path):
+    file = tmp_path / "safety.toml"
+    file.write_text(
+        '[[property]]\nname = "right"\nrule = "when pole angle > 0.1 and pole angular velocity > 0 then action is 1"\n'
+        '[[property]]\nrule = "when pole angle > 1 then action is 0"\nwithin_bounds = false\n',
+        encoding="utf-8",
+    )
+    verdicts = cartpole.verify(file, "action is one of 0, 1", Property("action is 0", "left"))
+    assert [verdict.name for verdict in verdicts] == [
+        "right",
+        "when pole angle > 1 then action is 0",
+        "action is one of 0, 1",
+        "left",
+    ]
+    assert [verdict.holds for verdict in verdicts] == [True, False, True, False]
+    with pytest.raises(ValueError, match="property 'left': unknown feature 'angle'"):
+        cartpole.verify(Property("when angle > 1 then action is 0", "left"))
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "must hold .*property.* got nothing"),
+        ("rule = 'x'", "got 'rule'"),
+        ("property = 3", "must hold"),
+        ("[[property]]\nname = 'x'", "property 1 of .* has no rule"),
+        ("[[property]]\nrule = 'x'\nwithin_bound = true", "unknown key 'within_bound'; there are name, rule"),
+        ("[[property]]\nrule = 3", "rule must be a string, got 3"),
+        ("[[property]]\nrule = 'x'\nwithin_bounds = 1", "within_bounds must be true or false, got 1"),
+        ("[[property]", "is not TOML"),
+        ("\ud800", "is not TOML"),
+    ],
+)
+def test_files_that_hold_no_properties_are_refused(cartpole, tmp_path, text, problem):
+    file = tmp_path / "safety.toml"
+    file.write_bytes(text.encode("utf-8", "surrogatepass"))
+    with pytest.raises(ValueError, match=problem):
+        cartpole.verify(file)
+    with pytest.raises(FileNotFoundError):
+        cartpole.verify(Path(tmp_path / "nothing.toml"))
