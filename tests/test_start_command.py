@@ -67,9 +67,12 @@ def test_from_a_run_its_return_is_told(first, tmp_path, capsys):
     )  # the tree itself is validated, too
 
 
-def test_from_a_file_with_a_rule_that_stays(hand, tmp_path):
+@pytest.mark.parametrize(
+    "frozen", [["--freeze-nodes", "0", "4"], ["--freeze", "pole angle > 0.05"]], ids=["nodes", "condition"]
+)
+def test_from_a_file_with_a_rule_that_stays(hand, tmp_path, frozen):
     run = tmp_path / "run"
-    words = ["train", *TRAIN, "--start", hand, "--freeze-nodes", *map(str, RIGHT), "--critic-warmup", "0"]
+    words = ["train", *TRAIN, "--start", hand, *frozen, "--critic-warmup", "0"]
     assert status_of(*words, "--run-dir", run) == 0
     tree = tree_of(run / "policy.json")
     assert (tree.feature[0], tree.threshold[0]) == (2, np.float32(0.03))
@@ -142,11 +145,12 @@ def test_the_depth_is_the_presets_or_the_trees(tmp_path, hand, capsys):
         (["--start", "nowhere"], "there is no run in nowhere"),
         (["--start", "nowhere.json"], "there is no nowhere.json"),
         (["--freeze-nodes", "0"], "--freeze-nodes is about the tree to start from: give --start, too"),
-        (["--freeze", "rule"], "--freeze is about the tree to start from: give --start, too"),
+        (["--freeze", "pole angle > 0"], "--freeze is about the tree to start from: give --start, too"),
         (
             ["--start", "HAND", "--freeze-nodes", "9"],
             "numbers of nodes of the tree to start from, 0 to 4, got 9",
         ),
+        (["--start", "HAND", "--freeze", "pole angel > 0"], "pole angle"),
         (["--start", "HAND", "--start-confidence", "0.3"], "confidence must be above 0.5"),
         (["--start", "HAND", "--critic-warmup", "1"], "critic_warmup must be from 0 to less than 1"),
         (["--start", "HAND", "--policy", "mlp"], "only a tree can start from a tree"),
@@ -210,7 +214,7 @@ def test_killed_and_resumed_it_ends_in_the_same_tree(hand, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_poor_tree_becomes_a_good_one(tmp_path):
+def test_a_poor_tree_becomes_a_good_one():
     """Two leaves, which the pole's lean alone decides, earn 41; trained on from there they become a tree of 475."""
     lean = DecisionTree.from_complete(
         np.array([2]), np.float32([0.02]), np.eye(2), actions=TREE.actions, feature_names=TREE.feature_names
@@ -221,5 +225,5 @@ def test_a_poor_tree_becomes_a_good_one(tmp_path):
         callback=lambda report: reached.append(report.metrics["eval/mean_reward"]), progress_bar=False
     )
     assert reached[0] < 60
-    mean, _ = sympol.evaluate_policy(agent, n_eval_episodes=50, seed=11)
+    mean, _ = sympol.evaluate_policy(agent, "CartPole-v1", n_eval_episodes=50, seed=11)
     assert mean >= 475

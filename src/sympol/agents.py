@@ -66,7 +66,8 @@ class Agent(abc.ABC):
             that has it and is installed, else on Gymnasium; ``"jax"``, ``"envpool"`` and ``"host"`` insist.
         start: A tree to train on from, instead of a random one; or a `Start`, which says more. The depth is by default
             that of the preset or, where that is less, of the tree.
-        freeze: Nodes of the tree to start from that stay as they are.
+        freeze: Nodes of the tree to start from that stay as they are; or a condition, such as ``"pole angle > 0.1"``:
+            wherever it holds, the policy does to the end what that tree does.
         config: Any field of `Config`, in place of the preset's.
 
     Raises:
@@ -91,7 +92,7 @@ class Agent(abc.ABC):
         groups: Sequence[Group] | None = None,
         backend: Backend = "auto",
         start: DecisionTree | Start | None = None,
-        freeze: Iterable[int] = (),
+        freeze: Iterable[int] | str = (),
         **config: Any,
     ) -> None:
         if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:

@@ -16,9 +16,12 @@ import sympol
 from sympol import DecisionTree, Start
 from sympol.agents import Agent, Report
 from sympol.algos.config import ConfigError
+from sympol.envs.registry import resolve
 from sympol.policies.embed import places
 from sympol.policies.tree import Tree
 from sympol.trees import BoxActions, DiscreteActions, Group, MultiDiscreteActions
+from sympol.trees.force import force
+from sympol.trees.verify import Property, verify
 from tests.tiny import TINY, Chain, quick_compiles
 from tests.trees.samples import telling_observations
 
@@ -140,6 +143,35 @@ def test_a_frozen_split_keeps_its_threshold_while_its_leaves_learn():
     assert bits(begun.feature_logits[1]) == bits(ended.feature_logits[1])
     assert (begun.leaf_values != ended.leaf_values).any(axis=1).all()
     assert (begun.thresholds[[0, 2]] != ended.thresholds[[0, 2]]).any(axis=1).all()
+
+
+def test_a_rule_forced_on_top_holds_to_the_end():
+    """Proven of what is returned, for every observation there is; without freezing its questions would have moved."""
+    left = hand_written(
+        feature_names=resolve("CartPole-v1").features.names, actions=resolve("CartPole-v1").actions
+    )
+    condition = "pole angle > 0 and cart position > -1"
+    rule = Property(f"when {condition} then action is push left", within_bounds=False)
+    forced = force(left, condition, "push left")
+    fast = {"learning_rate_thresholds": 0.3, "learning_rate_leaf_values": 0.3}
+    for freeze in (forced.nodes, condition):
+        begun = agent(Start(forced.tree, critic_warmup=0.0), freeze=freeze, depth=5, **fast)
+        assert begun.start is not None
+        assert begun.start.freeze == forced.nodes
+        ended = begun.learn(progress_bar=False).tree(prune=False)
+        assert [verdict.holds for verdict in verify(ended, [rule])] == [True]
+        assert [verdict.holds for verdict in verify(ended.prune(), [Property(rule.rule)])] == [True]
+        assert set(asked(forced.tree)) <= set(asked(ended))
+    free = learnt(Start(forced.tree, critic_warmup=0.0), depth=5, **fast, select_best=False)
+    assert not set(asked(forced.tree)) & set(asked(free.tree(prune=False)))
+
+
+def asked(tree: DecisionTree) -> list[tuple[int, float]]:
+    """The two questions that the rule is made of: where the cart is, and whether the pole leans right."""
+    inner = zip(tree.feature.tolist(), tree.threshold.tolist(), strict=True)
+    return [
+        (feature, threshold) for feature, threshold in inner if (feature, threshold) in ((0, -1.0), (2, 0.0))
+    ]
 
 
 @pytest.mark.parametrize("algorithm", [sympol.PPO, sympol.A2C])

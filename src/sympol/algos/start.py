@@ -16,6 +16,7 @@ from ..policies.embed import embed, leaf_logits, places
 from ..policies.tree import Tree
 from ..trees import DecisionTree
 from ..trees.actions import ActionSpec, BoxActions
+from ..trees.met import nodes_met
 from .config import Config
 from .rules import ConfigError
 from .state import Normalizer, TrainState, Warm
@@ -138,20 +139,19 @@ class Start:
         return jax.tree.map(np.asarray, actor), Warm(*warm)
 
 
-def start_of(start: DecisionTree | Start | None, freeze: Iterable[int], spec: EnvSpec) -> Start | None:
+def start_of(start: DecisionTree | Start | None, freeze: Iterable[int] | str, spec: EnvSpec) -> Start | None:
     """What a user gave to start from and to freeze, under the names of an environment.
 
     Raises:
-        ValueError: nodes to freeze of no tree, or a tree for something else.
+        ValueError: something to freeze of no tree, or that the tree does not have, or a tree for something else.
     """
-    nodes = tuple(freeze)
     if start is None:
-        if nodes:
-            raise ValueError(f"freeze names nodes of the tree to start from: give start, too; got {nodes}")
+        if freeze:
+            raise ValueError(f"freeze is about the tree to start from: give start, too; got {freeze!r}")
         return None
-    if isinstance(start, DecisionTree):
-        start = Start(start)
-    return replace(start, freeze=(*start.freeze, *nodes)).fitted(spec)
+    fitted = (Start(start) if isinstance(start, DecisionTree) else start).fitted(spec)
+    nodes = nodes_met(fitted.tree, freeze) if isinstance(freeze, str) else freeze
+    return replace(fitted, freeze=(*fitted.freeze, *nodes))
 
 
 def plant(state: TrainState, actor: Tree, warm: Warm | None) -> TrainState:

@@ -52,8 +52,9 @@ class Train:
     freeze_nodes: tuple[int, ...] = ()
     """Nodes of the tree to start from that stay as they are, numbered as in policy.json, from 0, the root."""
 
-    freeze: Literal["rule"] | None = None
-    """rule: freeze the rule that sympol edit put on top of the tree to start from."""
+    freeze: str | None = None
+    """A condition, such as "pole angle > 0.1 and cart velocity > 0": wherever it holds, what is done stays what the
+    tree to start from does."""
 
     start_confidence: float = 0.9
     """How probable the action of a leaf is made at first where the tree to start from is all but sure of it."""

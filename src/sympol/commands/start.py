@@ -5,19 +5,20 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from ..algos.start import Start
+from ..algos.start import Start, start_of
+from ..envs.spec import EnvSpec
 from ..runs.about import CONFIG, RunError
 from ..runs.folder import Run
 from .arguments import Train
 from .sources import tree_from
 
 
-def start_from(given: Train) -> Start | None:
-    """The tree that ``--start`` names, and how to train on from it.
+def start_from(given: Train, spec: EnvSpec) -> Start | None:
+    """The tree that ``--start`` names, and how to train on from it in an environment.
 
     Raises:
         RunError: there is no tree.
-        ValueError: flags that need ``--start``, or that do not fit the tree.
+        ValueError: flags that need ``--start``, or that do not fit the tree; or a tree for something else.
     """
     if given.start is None:
         alone = {"--freeze-nodes": given.freeze_nodes, "--freeze": given.freeze}
@@ -25,15 +26,15 @@ def start_from(given: Train) -> Start | None:
             if value:
                 raise ValueError(f"{flag} is about the tree to start from: give --start, too")
         return None
-    tree = tree_from(given.start)
-    return Start(
-        tree,
+    start = Start(
+        tree_from(given.start),
         freeze=given.freeze_nodes,
         confidence=given.start_confidence,
         critic_warmup=given.critic_warmup,
         origin=str(given.start),
         origin_return=_known_return(given.start),
     )
+    return start_of(start, given.freeze or (), spec)
 
 
 def _known_return(path: Path) -> float | None:

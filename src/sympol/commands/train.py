@@ -30,7 +30,7 @@ def train(arguments: Sequence[str]) -> int:
     if not given.env:
         raise ValueError("name an environment, as in: sympol train CartPole-v1")
     spec = resolve(given.env, env_kwargs=env_kwargs(given.env_kwargs), backend=given.backend)
-    agent = agent_of(spec, given.config, given.seed, start_from(given))
+    agent = agent_of(spec, given.config, given.seed, start_from(given, spec))
     if given.resume:
         return _continue(_same_run(given, agent), given.eval_episodes, given.json)
     if given.tensorboard:
