@@ -181,6 +181,15 @@ def test_what_the_page_cannot_draw_comes_as_frames():
     assert 1 <= len(episode["frames"]["images"]) <= episode["length"] + 1
 
 
+def test_long_episodes_are_cut_so_that_the_page_stays_small(monkeypatch):
+    spec = resolve("CartPole-v1", backend="host")
+    monkeypatch.setattr("sympol.reports.episodes.MOST_NUMBERS", 4 * 2 * 6)
+    played, _ = filmed([pole(), pole()], spec, [3], lambda words: None)
+    for (episode,) in played:
+        assert (episode["length"], episode["end"]) == (6, "stopped")
+        assert len(observed(episode)) == 7
+
+
 def test_an_environment_without_pictures_is_played_without():
     spec = resolve("CartPole-v1", backend="host")
     make = spec.make_host

@@ -20,6 +20,8 @@ from .frames import Frames, within_budget
 
 DRAWN = ("CartPole-v1", "Pendulum-v1", "Acrobot-v1", "MountainCar-v0", "MountainCarContinuous-v0")
 """What the page draws itself out of the observations (drawings.js)."""
+MOST_NUMBERS = 100_000
+"""Of all observations in a page: longer episodes are cut."""
 _FPS, _SLOWEST_FPS, _SECONDS = 30.0, 2.0, 8.0
 _DIGITS = 3
 
@@ -37,10 +39,11 @@ def filmed(
 ) -> tuple[list[list[dict[str, Any]]], float]:
     """Play an episode a seed with each policy; return them, policy by policy, and the steps to show in a second.
 
-    Frames are kept where the page cannot draw the environment and it draws itself; all of them together are
-    small enough for a page.
+    Episodes are cut where all observations together would be more than `MOST_NUMBERS`. Frames are kept where the
+    page cannot draw the environment and it draws itself; all of them together are small enough for a page.
     """
     require_host(spec)
+    most_steps = max(1, MOST_NUMBERS // (len(spec.features.names) * len(policies) * len(seeds)))
     films: list[Frames] = []
     with _shown(spec) as (env, draws):
         all_played = []
@@ -50,7 +53,7 @@ def filmed(
             for seed in seeds:
                 tell(f"playing episode {len(played) + 1} of {len(seeds)}")
                 frames = Frames() if draws else None
-                episode = _played(lambda x, act=answers: act(x[None])[0], spec, env, seed, frames)
+                episode = _played(lambda x, act=answers: act(x[None])[0], spec, env, seed, most_steps, frames)
                 films += [] if frames is None else [frames]
                 played.append((episode, frames))
             all_played.append(played)
@@ -78,9 +81,11 @@ def _shown(spec: EnvSpec) -> Iterator[tuple[gymnasium.Env, bool]]:
                 yield env, True
                 return
     env = spec.make_host()
-    yield env, False
-    if not spec.has_one_copy:
-        env.close()
+    try:
+        yield env, False
+    finally:
+        if not spec.has_one_copy:
+            env.close()
 
 
 def _played(
@@ -88,11 +93,14 @@ def _played(
     spec: EnvSpec,
     env: gymnasium.Env,
     seed: int,
+    most_steps: int,
     frames: Frames | None,
 ) -> dict[str, Any]:
     """Play one episode; its last observation is the one on which nothing was done any more."""
     observed, said, earned, end = [], [], [], ""
-    for now in steps(lambda observation: act(spec.features.flatten(observation)), spec, env, seed):
+    for now in steps(
+        lambda observation: act(spec.features.flatten(observation)), spec, env, seed, most_steps
+    ):
         observed.append(spec.features.flatten(now.observation))
         earned.append(round(now.earned, 6))
         end = now.end

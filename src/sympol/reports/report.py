@@ -87,8 +87,13 @@ def _player(
     seeds = [episode_seed(seed, episode) for episode in chosen.values()]
     (played,), fps = filmed([tree], spec, seeds, tell)
     titles = [
-        f"{name}: return {return_words(played[i]['earned'][-1])} in {played[i]['length']:,} steps"
-        for i, name in enumerate(chosen)
+        f"{name}: return {return_words(episode['earned'][-1])} in {episode['length']:,} steps"
+        + (
+            ", cut there"
+            if episode["end"] == "stopped" and episode["length"] != spec.max_episode_steps
+            else ""
+        )
+        for name, episode in zip(chosen, played, strict=True)
     ]
     return {
         "drawing": drawing_of(spec),

@@ -43,7 +43,7 @@ function build() {
   start(0);
   const trees = lanes.map(({ tree }) => tree).filter(Boolean);
   whenPrinted(trees);
-  addEventListener("resize", () => matchMedia("print").matches || trees.forEach((tree) => tree.fit()));
+  addEventListener("resize", () => trees.forEach((tree) => tree.resized()));
 }
 
 build();

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 DIGITS = 4
 """Of thresholds in the picture; sentences and programs have them exactly."""
-MOST_NODES = 5000
+MOST_NODES, MOST_FEATURES = 5000, 2000
 _MOST_OF_A_SCALE = 7
 
 
@@ -34,8 +34,10 @@ def policy_data(
     """Describe a tree for the page; ``seen`` are visited observations, which the sliders have to reach.
 
     Raises:
-        ValueError: more nodes than a page can show.
+        ValueError: more nodes or features than a page can show.
     """
+    if tree.n_features > MOST_FEATURES:
+        raise ValueError(f"at most {MOST_FEATURES} features can be shown in a page, got {tree.n_features}")
     if tree.n_nodes > MOST_NODES:
         raise ValueError(
             f"at most {MOST_NODES} nodes can be shown in a page, got {tree.n_nodes}; prune the tree first"

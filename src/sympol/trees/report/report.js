@@ -76,7 +76,7 @@ function build() {
   if (films) start(0);
   else ask(observationPanel.values, false);
   whenPrinted([treeView]);
-  addEventListener("resize", () => matchMedia("print").matches || treeView.fit());
+  addEventListener("resize", () => treeView.resized());
 }
 
 build();

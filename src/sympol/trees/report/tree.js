@@ -94,6 +94,7 @@ class TreeView {
   /** Make the window as high as the tree needs, and show all of it, or as much as can be read at this scale. */
   fit(readable = READABLE) {
     const { width, height, downward, places } = this.layout;
+    this.fitted = this.element.clientWidth;
     const most = Math.max(320, 0.72 * window.innerHeight);
     const scale = clipped((this.element.clientWidth - 36) / width, READABLE, 1.25);
     this.element.style.height = `${Math.round(clipped(height * scale + 44, 240, most))}px`;
@@ -103,6 +104,11 @@ class TreeView {
     const x = view.x ?? (downward ? clientWidth / 2 - root.x * view.scale : view.margin);
     const y = view.y ?? (downward ? view.margin : clientHeight / 2 - root.y * view.scale);
     this.zoom.set(x, y, view.scale);
+  }
+
+  /** Fit anew where the width has changed; a phone that hides its bars changes only the height. */
+  resized() {
+    if (!matchMedia("print").matches && this.element.clientWidth !== this.fitted) this.fit();
   }
 
   #node(node) {
