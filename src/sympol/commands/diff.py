@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..envs.spec import EnvSpec
 from ..play import play
+from ..runs.about import RunError
+from ..trees import DecisionTree
 from ..trees.diff import diff as tell_apart
 from .arguments import Folder
 from .parse import parse
@@ -45,7 +49,7 @@ def diff(arguments: Sequence[str]) -> int:
     before, after = tree_from(given.before), tree_from(given.after)
     seen = None
     if given.episodes:
-        seen = play(before, spec_from(given.before, before), given.episodes, seed=given.seed).observations
+        seen = play(before, _spec(given, before), given.episodes, seed=given.seed).observations
     found = tell_apart(before, after, seen)
     if given.json:
         print(json.dumps(found.to_dict(), allow_nan=False))
@@ -58,3 +62,13 @@ def diff(arguments: Sequence[str]) -> int:
     for sentence in found.sentences[len(found.changes) :]:
         out.print(sentence, markup=False)
     return 0
+
+
+def _spec(given: Diff, tree: DecisionTree) -> EnvSpec:
+    """Where both act: an edited tree may be a file that does not say."""
+    try:
+        return spec_from(given.before, tree)
+    except RunError:
+        with contextlib.suppress(RunError):
+            return spec_from(given.after, tree)
+        raise
