@@ -84,7 +84,8 @@ def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[Asked
             asked += [Asked(feature, 0.5, "left") for feature in group.features if high[feature] < 1]
     for feature in (i for i in range(tree.n_features) if i not in tree.group_of):
         if low[feature] > everything.low[0, feature]:
-            asked.append(Asked(feature, checked_threshold(float(next_below(low[feature]))), "right"))
+            below = float(next_below(low[feature])) + 0.0  # never -0.0, which is the same and reads worse
+            asked.append(Asked(feature, checked_threshold(below), "right"))
         if high[feature] < everything.high[0, feature]:
             asked.append(Asked(feature, checked_threshold(float(high[feature])), "left"))
     return tuple(sorted(asked, key=lambda one: one.feature))
