@@ -31,6 +31,8 @@ def agreement(pairs: int) -> dict[str, Any]:
     rng = np.random.default_rng(0)
     answers = [ask(rng, grouped=i % 2 == 1) for i in range(pairs)]
     different = [answer for answer in answers if answer.ours != answer.z3]
+    for answer in different:
+        print("they disagree:", answer)
     return {
         "pairs": pairs,
         "with_groups": pairs // 2,

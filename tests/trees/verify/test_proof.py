@@ -18,6 +18,8 @@ from ..samples import ACTIONS, consistent, random_grouped_tree, random_tree
 pytest.importorskip("z3", reason="the questions are those for z3, pip install z3-solver")
 from .oracle import as_text, decided, greatest, is_true, random_case, random_claim, random_condition
 
+ROOT = Path(__file__).parents[3]
+
 
 def literals(said, feature) -> list[float]:
     """The float32 numbers at which a condition's comparisons of a feature change."""
@@ -280,3 +282,16 @@ def test_files_that_hold_no_properties_are_refused(cartpole, tmp_path, text, pro
         cartpole.verify(file)
     with pytest.raises(FileNotFoundError):
         cartpole.verify(Path(tmp_path / "nothing.toml"))
+
+
+def test_the_program_in_the_documentation_runs(cartpole, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("policy.json").write_text(cartpole.to_json(), encoding="utf-8")
+    page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
+    properties = page.split("```toml\n")[1].split("```")[0]
+    Path("safety.toml").write_text(properties, encoding="utf-8")
+    exec(page.split("```python\n")[1].split("```")[0], {})
+    said = capsys.readouterr().out
+    assert "action is never push left: fails in 2 of 4 leaves: cart position = 0" in said
+    assert "far right: holds: proven for 2 leaves\n" in said
+    assert said.endswith("[0 1]\n")
