@@ -49,6 +49,7 @@ _MADE = (
     "tree.svg",
     "summary.json",
     "episode.gif",
+    "report.html",
 )
 
 
