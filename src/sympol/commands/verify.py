@@ -16,7 +16,7 @@ from ..play import play
 from ..runs.about import RunError
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
-from ..trees.floats import printable
+from ..trees.floats import printable, shortest
 from ..trees.verify import (
     Property,
     Verdict,
@@ -127,7 +127,7 @@ def _verdict_json(verdict: Verdict) -> dict[str, Any]:
         "violating_leaves": verdict.n_violating,
         "counterexample": [
             {
-                "observation": _finite(example.observation),
+                "observation": _observation_json(example.observation),
                 "words": example.where,
                 "action": example.action,
             }
@@ -136,9 +136,9 @@ def _verdict_json(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _finite(numbers: np.ndarray) -> list[float | str]:
-    """Numbers for strict JSON, which knows neither infinity nor NaN: these become strings, as in policy.json."""
-    return [x if np.isfinite(x) else str(x) for x in numbers.tolist()]
+def _observation_json(observation: np.ndarray) -> list[float | str]:
+    """Strict JSON knows neither infinity nor NaN: these become strings, as in policy.json."""
+    return [shortest(x) if np.isfinite(x) else str(float(x)) for x in observation]
 
 
 def _print_verdict(verdict: Verdict) -> None:
@@ -175,12 +175,12 @@ def _robustness(given: Verify, tree: DecisionTree) -> dict[str, Any] | None:
     seen = play(tree, spec_from(given.tree, tree), given.robustness, seed=given.seed).observations
     unit = seen.std(axis=0, dtype=np.float64)
     radius = margin(tree, seen, unit).radius
+    least = np.quantile(radius, list(_QUANTILES.values()), method="lower")
+    quantiles = zip(_QUANTILES, least.tolist(), strict=True)
     found: dict[str, Any] = {
         "observations": len(seen),
         "unit": {name: float(size) for name, size in zip(tree.feature_names, unit, strict=True)},
-        "margin": {
-            name: _finite(np.quantile(radius, [q], method="lower"))[0] for name, q in _QUANTILES.items()
-        },
+        "margin": {name: float(x) if np.isfinite(x) else "inf" for name, x in quantiles},
         "no_other_action": float(np.isinf(radius).mean()),
     }
     if sizes:

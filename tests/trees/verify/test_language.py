@@ -256,7 +256,7 @@ def test_rules_without_measure_are_refused_at_once(text):
 def test_a_condition_of_too_many_cases_is_refused():
     tree = leaf(DiscreteActions(2), [f"x{i}" for i in range(20)])
     text = " and ".join(f"(x{i} > 1 or x{i} < 0)" for i in range(20))
-    with pytest.raises(ValueError, match="more than 10,000 cases"):
+    with pytest.raises(ValueError, match="more than 1,000 cases"):
         tree.verify(f"when {text} then action is 1")
     (many,) = tree.verify(f"when not ({text}) then action is 1")
     assert not many.holds

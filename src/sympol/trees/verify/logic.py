@@ -18,7 +18,7 @@ from ..floats import next_above, next_below
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-_MOST_BOXES = 10_000
+_MOST_BOXES = 1_000
 """A condition that is more boxes than this is one nobody wrote by hand."""
 
 

@@ -6,7 +6,7 @@ Two leaves are against it where an observation of the one becomes one of the oth
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from .terms import Monotone
 from .verdict import simplest
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float32
+    from jaxtyping import Float32
 
-_AT_ONCE = 20_000
-"""Pairs of boxes that are cut at the same time."""
+_AT_ONCE = 50_000
+"""Pairs of boxes that are looked at in one go."""
 
 
 def pair_against(
@@ -31,22 +31,17 @@ def pair_against(
 
     The second of the two has the greater feature, and all else in common.
     """
-    action = _rising(claim) * numbers(tree, ends.leaf)[:, claim.component]
-    low, high = ends.boxes.low[:, claim.feature], ends.boxes.high[:, claim.feature]
-    first, second = np.nonzero((action[:, None] > action) & (low[:, None] <= high))
-    others = _free(ends.boxes, claim.feature)
-    meet = _meet(others, first, second)
-    first, second = first[meet], second[meet]
-    if not len(first):
-        return first, []
-    common = others[first].intersect(others[second])
-    pair = simplest(common)
-    x = common.some_observation(pair)
-    i, j = first[pair], second[pair]
-    x[claim.feature] = readable(float(low[i]), float(min(high[i], high[j])))
+    found = _pairs(tree, claim, ends)
+    if not found.simplest:
+        return found.leaves, []
+    i, j = found.simplest
+    boxes, feature = ends.boxes, claim.feature
+    x = _common(boxes, feature, np.array([i]), np.array([j])).some_observation()
+    low, high = boxes.low[:, feature], boxes.high[:, feature]
+    x[feature] = readable(float(low[i]), float(min(high[i], high[j])))
     y = x.copy()
-    y[claim.feature] = readable(float(max(low[j], x[claim.feature])), float(high[j]))
-    return np.unique(ends.leaf[np.concatenate([first, second])]), [x, y]
+    y[feature] = readable(float(max(low[j], x[feature])), float(high[j]))
+    return found.leaves, [x, y]
 
 
 def is_against(tree: DecisionTree, claim: Monotone, pair: list[Float32[np.ndarray, " features"]]) -> bool:
@@ -61,17 +56,36 @@ def _rising(claim: Monotone) -> int:
     return 1 if claim.increasing else -1
 
 
-def _free(boxes: Boxes, feature: int) -> Boxes:
-    """The boxes with one feature let go."""
-    low, high, nan = boxes.low.copy(), boxes.high.copy(), boxes.nan.copy()
+class _Pairs(NamedTuple):
+    """What pairs of boxes are against a claim."""
+
+    leaves: np.ndarray
+    simplest: tuple[int, int] | None
+
+
+def _pairs(tree: DecisionTree, claim: Monotone, ends: Arrivals) -> _Pairs:
+    action = _rising(claim) * numbers(tree, ends.leaf)[:, claim.component]
+    low, high = ends.boxes.low[:, claim.feature], ends.boxes.high[:, claim.feature]
+    involved = np.zeros(len(action), bool)
+    best: list[tuple[int, int]] = []
+    for rows in np.array_split(np.arange(len(action)), len(action) ** 2 // _AT_ONCE + 1):
+        first, second = np.nonzero((action[rows, None] > action) & (low[rows, None] <= high))
+        first = rows[first]
+        common = _common(ends.boxes, claim.feature, first, second)
+        met = ~common.is_empty
+        if met.any():
+            involved[first[met]] = involved[second[met]] = True
+            pick = np.flatnonzero(met)[simplest(common[met])]
+            best.append((int(first[pick]), int(second[pick])))
+    if not best:
+        return _Pairs(np.zeros(0, np.int64), None)
+    of_best = _common(ends.boxes, claim.feature, *np.array(best).T)
+    return _Pairs(np.unique(ends.leaf[involved]), best[simplest(of_best)])
+
+
+def _common(boxes: Boxes, feature: int, first: np.ndarray, second: np.ndarray) -> Boxes:
+    """What two boxes have in common, pair by pair, whatever the feature is."""
+    one, two = boxes[first], boxes[second]
+    low, high, nan = np.maximum(one.low, two.low), np.minimum(one.high, two.high), one.nan & two.nan
     low[:, feature], high[:, feature], nan[:, feature] = -np.inf, np.inf, False
     return replace(boxes, low=low, high=high, nan=nan)
-
-
-def _meet(boxes: Boxes, first: np.ndarray, second: np.ndarray) -> Bool[np.ndarray, " pairs"]:
-    """Whether boxes have something in common, pair by pair."""
-    found = [np.zeros(0, bool)]
-    for begin in range(0, len(first), _AT_ONCE):
-        some = slice(begin, begin + _AT_ONCE)
-        found.append(~boxes[first[some]].intersect(boxes[second[some]]).is_empty)
-    return np.concatenate(found)
