@@ -170,9 +170,9 @@ def markdown(content: dict[str, Any]) -> str:
     """The tables of docs/exports.md."""
     size, machine = content["tree"], content["machine"]
     lines = [
-        f"Medians over {content['observations']:,} observations that a tree of {size['nodes']} nodes, depth {size['depth']}, "
-        f"meets in CartPole-v1, in one run (`python -m benchmarks.exports`; {machine['cores']} cores, load "
-        f"{machine['load'][0]:g}, {machine['cpu'].split(' (')[0]}):",
+        f"Medians over {content['observations']:,} observations that a tree of {size['nodes']} nodes, depth "
+        f"{size['depth']}, meets in CartPole-v1, in one run (`python -m benchmarks.exports`; "
+        f"{machine['cores']} cores, load {machine['load'][0]:g}, {machine['cpu'].split(' (')[0]}):",
         "",
         "| | ns a decision | least of all rounds |",
         "|---|---:|---:|",
