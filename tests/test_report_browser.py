@@ -235,13 +235,25 @@ def test_an_exact_number_may_be_typed(tab, cartpole_page, balance, typed, number
     page = tab.open(cartpole_page)
     page.get_by_label("pole angle (rad), exact").fill("0")
     field_ = page.get_by_label("pole angular velocity (rad/s), exact")
-    field_.fill("what")
-    field_.press("Enter")
-    assert field_.get_attribute("aria-invalid") is not None
+    for wrong in ("what", "0,5", "", "constructor"):
+        field_.fill(wrong)
+        field_.press("Enter")
+        assert field_.get_attribute("aria-invalid") is not None
     field_.fill(typed)
     field_.press("Enter")
     assert field_.get_attribute("aria-invalid") is None
     assert lit(page) == np.flatnonzero(balance.decision_path([0, 0, 0, number])).tolist()
+
+
+def test_who_types_is_shown_the_exact_number(tab, cartpole_page):
+    page = tab.open(cartpole_page)
+    first = json.loads(page.locator("#data").text_content())["player"]["episodes"][0]["observations"]
+    x = np.frombuffer(base64.b64decode(first), "<f4")[:4]
+    for name, number in zip(("cart position (m)", "pole angle (rad)"), x[[0, 2]], strict=True):
+        exact = page.get_by_label(f"{name}, exact")
+        exact.focus()
+        assert np.float32(exact.input_value()).tobytes() == number.tobytes()
+        assert exact.input_value().lstrip("-").lstrip("0.") == str(number).lstrip("-").lstrip("0.")
 
 
 def test_a_leaf_under_the_pointer_says_its_rule(tab, cartpole_page, balance):

@@ -39,12 +39,19 @@ function card(name, title, tools, ...children) {
 /** A number as people read it, with so many significant digits. */
 function numberWords(x, digits = 4) {
   if (Number.isNaN(x)) return "NaN";
-  if (!Number.isFinite(x)) return x > 0 ? "∞" : "−∞";
+  if (!Number.isFinite(x)) return x > 0 ? "∞" : "-∞";
   if (x === 0) return "0"; // of either sign
-  if (Number.isInteger(x) && Math.abs(x) < 1e6) return x.toLocaleString("en").replace("-", "−");
+  if (Number.isInteger(x) && Math.abs(x) < 1e6) return x.toLocaleString("en");
   const short = Number(x.toPrecision(digits));
-  const words = Math.abs(short) >= 1e5 || Math.abs(short) < 1e-4 ? short.toExponential() : String(short);
-  return words.replace("-", "−");
+  return Math.abs(short) >= 1e5 || Math.abs(short) < 1e-4 ? short.toExponential() : String(short);
+}
+
+/** A float32 number in the fewest digits that give it back. */
+function exactWords(x) {
+  if (!Number.isFinite(x)) return numberWords(x);
+  for (let digits = 1; digits < 9; digits++)
+    if (Math.fround(Number(x.toPrecision(digits))) === x) return String(Number(x.toPrecision(digits)));
+  return String(Number(x.toPrecision(9)));
 }
 
 /** A share as people read it: 62 %. */

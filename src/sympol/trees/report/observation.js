@@ -51,6 +51,8 @@ class ObservationPanel {
     const number = el("input", {
       type: "text", class: "number", inputmode: "decimal", "aria-label": `${name}, exact`, size: 8,
       onchange: () => this.#typed(i, number),
+      onfocus: () => (number.value = exactWords(this.values[i])),
+      onblur: () => number.hasAttribute("aria-invalid") || update(),
       onkeydown: (event) => event.stopPropagation(),
     });
     const marks = splits
@@ -62,7 +64,7 @@ class ObservationPanel {
       const value = this.values[i];
       slider.value = Number.isNaN(value) ? high : clipped(value, low, high);
       slider.setAttribute("aria-valuetext", numberWords(value));
-      if (document.activeElement !== number) number.value = numberWords(value).replace("−", "-");
+      if (document.activeElement !== number) number.value = numberWords(value);
     };
     return { features: [i], update, element: el("div", { class: "row" }, el("label", { for: label }, name), track, number) };
   }
@@ -70,7 +72,7 @@ class ObservationPanel {
   #typed(i, field) {
     const words = field.value.trim().replace("−", "-").toLowerCase();
     const special = { nan: NaN, inf: Infinity, "∞": Infinity, "-inf": -Infinity, "-∞": -Infinity };
-    const value = words in special ? special[words] : words === "" ? NaN : Number(words.replaceAll(",", ""));
+    const value = Object.hasOwn(special, words) ? special[words] : words === "" ? NaN : Number(words);
     const wrong = Number.isNaN(value) && words !== "nan";
     field.toggleAttribute("aria-invalid", wrong);
     if (!wrong) this.#change(i, value);

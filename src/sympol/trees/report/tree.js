@@ -1,7 +1,7 @@
 // The drawn tree: fold, walk by keys, light the way of an observation.
 
 const SHOWN_AT_FIRST = 31; // nodes; of a larger tree the least visited parts are folded
-const READABLE = 0.55;
+const READABLE = 0.45;
 const PAPER_WIDTH = 700;
 
 class TreeView {
