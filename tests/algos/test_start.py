@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete, MultiDiscrete
@@ -16,12 +17,16 @@ import sympol
 from sympol import DecisionTree, Start
 from sympol.agents import Agent, Report
 from sympol.algos.config import ConfigError
+from sympol.algos.held import apply_gradients_but, held
+from sympol.algos.settle import settle
+from sympol.algos.state import Normalizer
 from sympol.envs.registry import resolve
 from sympol.policies.embed import places
 from sympol.policies.tree import Tree
 from sympol.trees import BoxActions, DiscreteActions, Group, MultiDiscreteActions
 from sympol.trees.force import force
 from sympol.trees.verify import Property, verify
+from sympol.types import Transition
 from tests.tiny import TINY, Chain, quick_compiles
 from tests.trees.samples import telling_observations
 
@@ -347,3 +352,35 @@ def test_through_the_host_with_other_actions_and_one_hot_features(kind):
     ended = begun.tree(prune=False)
     np.testing.assert_array_equal(ended.value[ended.apply(x[1])], tree.value[tree.apply(x[1])])
     assert (ended.value[ended.apply(x[:1])] != tree.value[tree.apply(x[:1])]).all()
+
+
+def test_the_gradient_of_what_is_held_counts_for_nothing():
+    """Not in the norm that is clipped: beside a huge one the others would be nothing."""
+    begun = until(agent(Start(TREE, freeze=RIGHT)), 0)
+    assert begun.state is not None
+    state, config = begun.state._replace(timestep=jnp.int32(1000)), begun.config
+    still = held(config, state)
+    assert still is not None
+    ones = jax.tree.map(jnp.ones_like, state.networks)
+    huge = jax.tree.map(lambda held, one: jnp.where(held, 1e9 * one, one), still, ones)
+    hyper = replace(config, max_grad_norm=1.0).hyperparameters()
+    step = jax.jit(
+        lambda gradient: apply_gradients_but(still, state.networks, gradient, state.opt_state, hyper, 1.0)
+    )
+    for a, b in zip(*(jax.tree.leaves(step(gradient)) for gradient in (ones, huge)), strict=True):
+        assert bits(a) == bits(b)
+
+
+def test_the_best_tree_so_far_is_scaled_with_the_others():
+    """Should every validation be NaN, it is the tree that was started from, not one over other units."""
+    settled = until(agent(), 0).state
+    assert settled is not None
+    fresh = settled._replace(normalizer=Normalizer(jnp.zeros(4), jnp.ones(4)))
+    rows = jnp.asarray(np.random.default_rng(0).normal(size=(1, 16, 4, 4)), jnp.float32)
+    rollout = Transition(rows, *(jnp.zeros((1, 16, 4)) for _ in range(4)), rows)
+    scaling = (Normalizer(jnp.zeros(4), jnp.ones(4)), np.zeros(4, bool))
+    again = settle(scaling, fresh, rollout, jax.random.key(0))
+    pairs = zip(
+        jax.tree.leaves(again.validation.best_actor), jax.tree.leaves(again.networks.actor), strict=True
+    )
+    assert all(bits(a) == bits(b) for a, b in pairs)
