@@ -7,7 +7,7 @@ import pytest
 from sympol.trees import DecisionTree, DiscreteActions
 from sympol.trees.boxes import space
 from sympol.trees.diff import diff, regions
-from sympol.trees.edit import cut, graft, set_action, set_feature, set_threshold
+from sympol.trees.edit import cut, graft, set_action, set_feature, set_threshold, split_tree
 from sympol.trees.force import force
 from sympol.trees.verify.language import parse_condition
 from sympol.trees.verify.logic import boxes_of
@@ -90,6 +90,22 @@ def holds(where: str, tree: DecisionTree, x: np.ndarray) -> np.ndarray:
         return np.full(len(x), True)
     boxes = boxes_of(parse_condition(where, tree), space(tree, bounds=False))
     return boxes.contains(x).any(axis=0)
+
+
+def test_where_two_trees_part_more_than_once_each_region_is_told_once():
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        parts = [exact(random_tree(rng, ACTIONS["discrete"], depth=2), rng) for _ in range(4)]
+        one = split_tree(0, 0.125, parts[0], parts[1])
+        other = replace(
+            split_tree(0, 0.125, parts[2], parts[3]),
+            feature_low=one.feature_low,
+            feature_high=one.feature_high,
+        )
+        told = [change for change in diff(one, other).changes if "“" not in change.before + change.after]
+        assert len(told) == len({*told})
+        if len(told) == len(diff(one, other).changes):
+            assert {*told} == {*regions(one, other)}
 
 
 def test_visited_states_are_counted_by_what_they_got_and_get():

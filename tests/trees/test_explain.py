@@ -187,16 +187,32 @@ def possible(tree: DecisionTree, x: np.ndarray, y: np.ndarray, fixed: list[int])
             assert features[0] not in tree.integers or y[features[0]] == np.round(y[features[0]])
 
 
-def test_of_equally_near_ones_fewer_changes_win():
-    tree = DecisionTree.from_complete(
-        np.array([0, 1, 1]),
-        np.float32([0, 0, 1]),
-        np.eye(2)[[0, 1, 0, 1]],
-        actions=DiscreteActions(2),
-        feature_names=["a", "b"],
+def test_of_equally_near_ones_fewer_changes_win_and_then_the_smaller_sum():
+    tree = DecisionTree.from_text(
+        """
+        a < 1
+         yes: stay
+         no: b < 1
+          yes: b < 0.125
+           yes: stay
+           no: c < 0.125
+            yes: stay
+            no: go
+          no: go
+        """,
+        actions=DiscreteActions(2, ("stay", "go")),
+        feature_names=["a", "b", "c"],
     )
-    one = explain(tree, [0.0, -1.0], norm="linf", scale={"b": 2}).counterfactuals[0]
-    assert one.changes == ("b = 1.1754944e-38 instead of -1",)
+    # a = 1, b = c = 0.125 is as far and sums up to less, but changes more
+    assert explain(tree, [0, 0, 0], norm="linf").counterfactuals[0].changes == (
+        "a = 1 instead of 0",
+        "b = 1 instead of 0",
+    )
+    # both change one thing, and by that count are equally far
+    line = DecisionTree.from_text(
+        "a < -3\n yes: go\n no: a < 1\n  yes: stay\n  no: go", actions=tree.actions, feature_names=["a"]
+    )
+    assert explain(line, [0], norm="l0").counterfactuals[0].changes == ("a = 1 instead of 0",)
 
 
 def test_wanted_actions_may_be_any(pendulum):

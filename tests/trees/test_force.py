@@ -156,12 +156,24 @@ def test_a_forced_rule_is_proven(cartpole):
         ("pole angle > ", 0, "expected a number"),
         ("pole angle >= -3.4028234663852886e38", 0, "a threshold must be finite"),
         (
-            " or ".join(f"pole angle = {i}" for i in range(60)),
+            " or ".join(
+                f"{name} = {i}"
+                for i in range(10)
+                for name in ("pole angle", "cart position", "cart velocity")
+            ),
             0,
-            "the condition has 60 cases; force at most 50",
+            "the condition asks more than 500 questions; force simpler ones",
         ),
     ],
 )
 def test_what_cannot_be_forced_is_said(cartpole, condition: str, action: Any, message: str):
     with pytest.raises(ValueError, match=message):
         force(cartpole, condition, action)
+
+
+def test_many_cases_of_one_feature_are_no_more_than_they_are(cartpole):
+    edited, nodes = force(cartpole, " or ".join(f"cart velocity = {i}" for i in range(60)), "push left")
+    x = np.zeros((240, 4))
+    x[:, 1] = np.arange(240) / 4
+    np.testing.assert_array_equal(edited.predict(x), np.where(np.arange(240) % 4, cartpole.predict(x), 0))
+    assert sum(edited.is_leaf[list(nodes)]) == 60

@@ -13,7 +13,7 @@ everywhere in a tree.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,14 +23,14 @@ from .edit import checked_threshold, leaf_tree, split_tree
 from .floats import next_below
 from .named import Action, leaf_value
 from .prune import prune
-from .reading import Asked
+from .reading import CATEGORY
 from .tree import DecisionTree
 from .verify.arrivals import sides
 from .verify.language import parse_condition
 from .verify.logic import boxes_of
 
-_MOST_CASES = 50
-"""A condition of more is none that somebody wrote; a tree of it would be large."""
+_MOST_QUESTIONS = 500
+"""Cases that have nothing to do with each other multiply; a rule of more questions is none that somebody reads."""
 
 
 class Edited(NamedTuple):
@@ -55,10 +55,9 @@ def force(tree: DecisionTree, condition: str, action: Action) -> Edited:
     # whole numbers are compared as numbers: the rule holds, and reads, as it was written
     everything = space(replace(tree, integers=()), bounds=False)
     boxes = boxes_of(asked, everything)
-    if len(boxes) > _MOST_CASES:
-        raise ValueError(f"the condition has {len(boxes)} cases; force at most {_MOST_CASES} at once")
     cases = [_Case(boxes[[i]], _questions(tree, boxes[[i]], everything)) for i in range(len(boxes))]
-    grown = prune(_grown(everything, cases, rule, _marked(tree, visits=0)), bounds=False, merge=False)
+    growing = _Growing(rule, _marked(tree, visits=0))
+    grown = prune(growing.grown(everything, cases), bounds=False, merge=False)
     assert grown.n_node_samples is not None
     # what leads to the rule's leaves is the rule: in the branches of the tree as it was there are none
     nodes = tuple(np.flatnonzero(grown.n_node_samples).tolist())
@@ -69,45 +68,51 @@ class _Case(NamedTuple):
     """One box of the condition, and what to ask to know whether an observation is in it."""
 
     box: Boxes
-    questions: tuple[Asked, ...]
+    questions: tuple[tuple[int, float], ...]
 
 
-def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[Asked, ...]:
-    """What to ask about a box, feature by feature; ``yes`` is the side on which the box is."""
-    asked: list[Asked] = []
+def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
+    """Features and thresholds, feature by feature, on one side of each of which the whole box is."""
+    asked: list[tuple[int, float]] = []
     low, high = box.low[0], box.high[0]
     for group in tree.groups:
         possible = [feature for feature in group.features if high[feature] >= 1]
-        if len(possible) == 1:
-            asked.append(Asked(possible[0], 0.5, "right"))
-        else:
-            asked += [Asked(feature, 0.5, "left") for feature in group.features if high[feature] < 1]
+        asked_of = possible if len(possible) == 1 else [f for f in group.features if high[f] < 1]
+        asked += [(feature, CATEGORY) for feature in asked_of]
     for feature in (i for i in range(tree.n_features) if i not in tree.group_of):
         if low[feature] > everything.low[0, feature]:
             below = float(next_below(low[feature])) + 0.0  # never -0.0, which is the same and reads worse
-            asked.append(Asked(feature, checked_threshold(below), "right"))
+            asked.append((feature, checked_threshold(below)))
         if high[feature] < everything.high[0, feature]:
-            asked.append(Asked(feature, checked_threshold(float(high[feature])), "left"))
-    return tuple(sorted(asked, key=lambda one: one.feature))
+            asked.append((feature, checked_threshold(float(high[feature]))))
+    return tuple(sorted(asked))
 
 
-def _grown(region: Boxes, cases: list[_Case], rule: DecisionTree, tree: DecisionTree) -> DecisionTree:
-    """The rule's questions that a region leaves open, the rule where they are all answered, else the tree."""
-    while cases and cases[0].box.intersect(region).is_empty[0]:
-        cases = cases[1:]
-    if not cases:
-        return tree
-    for feature, threshold, yes in cases[0].questions:
-        left, right = sides(region, np.array([feature]), np.array([threshold], np.float32))
-        if left.is_empty[0] or right.is_empty[0]:
-            continue
-        # on the side of no it is not this case, but may be another
-        below = (
-            _grown(side, cases if way == yes else cases[1:], rule, tree)
-            for side, way in ((left, "left"), (right, "right"))
-        )
-        return split_tree(feature, threshold, *below)
-    return rule
+@dataclass
+class _Growing:
+    """The work of putting a rule on top of a tree."""
+
+    rule: DecisionTree
+    tree: DecisionTree
+    n_questions: int = 0
+
+    def grown(self, region: Boxes, cases: list[_Case]) -> DecisionTree:
+        """The questions that a region leaves open, the rule where they are all answered, else the tree."""
+        while cases and cases[0].box.intersect(region).is_empty[0]:
+            cases = cases[1:]
+        if not cases:
+            return self.tree
+        for feature, threshold in cases[0].questions:
+            left, right = sides(region, np.array([feature]), np.array([threshold], np.float32))
+            if not left.is_empty[0] and not right.is_empty[0]:
+                self.n_questions += 1
+                if self.n_questions > _MOST_QUESTIONS:
+                    raise ValueError(
+                        f"the condition asks more than {_MOST_QUESTIONS} questions; force simpler ones, one after "
+                        "the other"
+                    )
+                return split_tree(feature, threshold, self.grown(left, cases), self.grown(right, cases))
+        return self.rule
 
 
 def _marked(tree: DecisionTree, *, visits: int) -> DecisionTree:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _COMPARISON = re.compile(rf"(.*)(≤|<=|≥|>=|<|>)\s*({_NUMBER})")
-_CATEGORY = 0.5
+CATEGORY = 0.5
 """The threshold between the 0 and the 1 of a feature in a group; any from 0 to below 1 asks the same."""
 
 
@@ -91,7 +91,7 @@ def _categories(tree: DecisionTree, words: str, *, negated: bool) -> Iterator[As
     for group in tree.groups:
         for feature in group.features:
             if group.words(feature, negated=negated).strip() == words:
-                yield Asked(feature, _CATEGORY, "left" if negated else "right")
+                yield Asked(feature, CATEGORY, "left" if negated else "right")
 
 
 def _parts(actions: MultiDiscreteActions | BoxActions, words: str) -> list[list[float]]:
