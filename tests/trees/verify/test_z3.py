@@ -5,7 +5,8 @@ import pytest
 
 pytest.importorskip("z3", reason="the oracle, pip install z3-solver")
 
-from .oracle import Answer, ask, float32_number, greatest
+from .oracle import Answer, ask
+from .questions import float32_number, greatest
 
 
 @pytest.mark.parametrize("grouped", [False, True])
