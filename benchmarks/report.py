@@ -28,11 +28,11 @@ IMAGES = ROOT / "docs" / "images" / "report"
 TRAINED: dict[str, list[str]] = {
     "cartpole": ["CartPole-v1"],
     "lunarlander": ["LunarLander-v3"],
-    "minigrid": ["MiniGrid-DoorKey-5x5-v0"],
+    "doorkey": ["MiniGrid-DoorKey-5x5-v0"],
     "cartpole-network": ["CartPole-v1", "--policy", "mlp"],
 }
 COMPARED = ("cartpole", "cartpole-network")
-STEPS = {"cartpole": 30, "lunarlander": 90, "minigrid": 4, "compare": 30}
+STEPS = {"cartpole": 30, "lunarlander": 90, "doorkey": 4, "compare": 30}
 """Where the player stands in a picture."""
 LOADS = 7
 VIEWPORT: Any = {"width": 1280, "height": 940}
