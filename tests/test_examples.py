@@ -21,11 +21,16 @@ EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 STUDY = "goal_misgeneralization"
 """Has arguments with names; it is tested on Farama's MiniGrid."""
 
+LONGER = {STUDY: 200, "purejax": 130}
+"""A study, and a whole PPO; all others fit a screen."""
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda file: file.stem)
 def test_an_example_runs(example, tmp_path, monkeypatch, capsys):
     arguments = ["4096"]
+    if example.stem == "sb3_tree":
+        pytest.importorskip("stable_baselines3")
     if example.stem == STUDY:
         pytest.importorskip("minigrid")
         marks = "<!-- written by examples/goal_misgeneralization.py -->", "<!-- until here -->"
@@ -77,6 +82,12 @@ def test_the_layout_called_home_is_distshift1():
 
 
 def test_an_example_is_short():
-    assert len(EXAMPLES) == 5
+    assert len(EXAMPLES) >= 5
     for file in EXAMPLES:
-        assert len(file.read_text().splitlines()) < (200 if file.stem == STUDY else 42)
+        assert len(file.read_text().splitlines()) < LONGER.get(file.stem, 42)
+
+
+def test_the_tree_is_twenty_lines_of_the_jax_program():
+    source = next(file for file in EXAMPLES if file.stem == "purejax").read_text()
+    tree = source[source.index("SCALE =") : source.index("def to_tree")]
+    assert len([line for line in tree.splitlines() if line]) <= 20
