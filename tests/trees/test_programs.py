@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
 import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -453,6 +456,46 @@ def test_javascript_rounds_as_the_tree_does(tmp_path):
         assert done.stdout.decode().strip() == str(tree.predict(x).tolist()).replace(" ", "")
 
 
+def test_the_program_stands_in_a_page_whatever_things_are_called(strange):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("chromium is not on this machine; install the distribution's package chromium")
+    with sync_api.sync_playwright() as playwright:
+        options = ["--no-sandbox"] if os.getuid() == 0 else []
+        browser = playwright.chromium.launch(executable_path=chromium, args=options)
+        page, said = browser.new_page(), []
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("dialog", lambda dialog: said.append("a name became a program"))
+        for tree in strange:
+            x = trial.trial_observations(tree, 200)
+            x = x[np.isfinite(x).all(axis=1)]
+            script = f"{tree.export('javascript')}\nwindow.acted = {x.tolist()}.map(act).flat();"
+            page.set_content(f"<script type=module>{script}</script><p>the end</p>")
+            page.wait_for_function("window.acted !== undefined")
+            assert page.evaluate("window.acted") == tree.predict(x).ravel().tolist()
+            assert page.evaluate("document.body.innerText") == "the end"
+            page.evaluate("delete window.acted")
+        browser.close()
+    assert said == []
+
+
+def test_onnx_is_a_model_by_its_own_checker(strange):
+    onnx = pytest.importorskip("onnx")
+    for tree in strange:
+        model = onnx.load_from_string(tree.export("onnx", name="robot"))
+        onnx.checker.check_model(model, full_check=True)
+        assert model.graph.name == "robot"
+        names = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
+        assert names == {"features": list(tree.feature_names), "actions": list(tree.actions.names)}
+
+
+def test_a_program_that_does_not_end_is_ended(tmp_path, monkeypatch):
+    monkeypatch.setattr(trial, "TIMEOUT", 0.2)
+    with pytest.raises(RuntimeError, match=r"python.* did not end in 0\.2 seconds"):
+        trial.call([sys.executable, "-c", "while True: pass"], tmp_path)
+
+
 def with_start(start: int) -> DecisionTree:
     return DecisionTree.from_complete(
         np.array([0]), np.zeros(1), np.eye(2), actions=DiscreteActions(2, start=start), feature_names=["x"]
@@ -506,7 +549,7 @@ def test_styles_that_are_none_are_refused(to):
 
 @pytest.mark.parametrize(("to", "module"), [("onnx", "onnx"), ("treelite", "treelite.model_builder")])
 def test_without_its_library_the_error_names_the_remedy(to, module, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, module, None)
+    monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=rf"pip install 'sympol\[{to}\]'"):
         trees()["trained"].export(to)
 

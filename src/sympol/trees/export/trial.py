@@ -112,7 +112,12 @@ def program(name: str, package: str) -> str:
 
 def call(command: Sequence[str], folder: Path, given: bytes = b"") -> tuple[bytes, str]:
     """Run a program; return what it wrote and what it said. Raises RuntimeError with its words where it failed."""
-    done = subprocess.run(command, cwd=folder, input=given, capture_output=True, timeout=TIMEOUT, check=False)
+    try:
+        done = subprocess.run(
+            command, cwd=folder, input=given, capture_output=True, timeout=TIMEOUT, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise RuntimeError(f"{Path(command[0]).name} did not end in {TIMEOUT} seconds") from error
     said = done.stderr.decode("utf-8", "replace")
     if done.returncode:
         raise RuntimeError(
