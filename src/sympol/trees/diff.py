@@ -122,7 +122,7 @@ def diff(before: DecisionTree, after: DecisionTree, observations: ArrayLike | No
     visited = (
         None if observations is None else _visited(before, after, np.atleast_2d(np.asarray(observations)))
     )
-    alike = next(regions(before, after), None) is None
+    alike = not any(regions(before, after))
     return Difference(tuple(_changes(before, after)), alike, visited)
 
 
@@ -147,7 +147,7 @@ def _changes(before: DecisionTree, after: DecisionTree) -> Iterator[Change]:
             if _acts(before, a) != _acts(after, b):
                 yield Change(where, _said(before, a), _said(after, b))
         elif before.is_leaf[a] or after.is_leaf[b]:
-            if not _same(before, after, a, b):
+            if any(regions(before, after, a)):
                 yield Change(where, _all_said(before, a), _all_said(after, b))
         elif _asks(before, a) == _asks(after, b):
             sides = ("children_right", "children_left")
@@ -157,7 +157,7 @@ def _changes(before: DecisionTree, after: DecisionTree) -> Iterator[Change]:
                 where = region_words(before, boxes[[own]], start)
                 yield Change(where, _said(before, own), _said(after, other))
         else:
-            yield from regions(before, after, a, b)
+            yield from regions(before, after, a)
 
 
 def _reworded(before: DecisionTree, after: DecisionTree, a: int, b: int) -> list[tuple[int, int]] | None:
@@ -173,28 +173,24 @@ def _reworded(before: DecisionTree, after: DecisionTree, a: int, b: int) -> list
     return differ if len(differ) <= max(1, parts[0].n_nodes // 3) else None
 
 
-def regions(before: DecisionTree, after: DecisionTree, a: int = 0, b: int = 0) -> Iterator[Change]:
+def regions(before: DecisionTree, after: DecisionTree, node: int = 0) -> Iterator[Change]:
     """Go through all regions within the bounds in which two trees of one space act differently.
 
-    Only observations count that come by node ``a`` of the one and by node ``b`` of the other. The regions do not
-    overlap, and outside of them both act alike.
+    Only observations count that come by a node of the one before. The regions do not overlap, and outside of them
+    both act alike.
     """
     start, boxes = space(before, bounds=True), leaf_boxes(before, bounds=True)
     leaves = np.flatnonzero(before.is_leaf)
     for i, leaf in enumerate(leaves.tolist()):
-        if not a <= leaf < subtree_end(before, a):
+        if not node <= leaf < subtree_end(before, node):
             continue
         # one leaf after the other: all at once could be very many regions
         ends = send(boxes[[i]], after)
         for j, end in enumerate(ends.leaf.tolist()):
-            if b <= end < subtree_end(after, b) and _acts(before, leaf) != _acts(after, end):
+            if _acts(before, leaf) != _acts(after, end):
                 yield Change(
                     region_words(before, ends.boxes[[j]], start), _said(before, leaf), _said(after, end)
                 )
-
-
-def _same(before: DecisionTree, after: DecisionTree, a: int, b: int) -> bool:
-    return next(regions(before, after, a, b), None) is None
 
 
 def _asks(tree: DecisionTree, node: int) -> tuple[int, float]:
