@@ -58,7 +58,7 @@ def test_from_a_run_its_return_is_told(first, tmp_path, capsys):
         "origin": str(first),
         "return_mean": earned,
         "freeze": [],
-        "confidence": 0.9,
+        "confidence": 0.7,
         "critic_warmup": 0.05,
     }
     same_actions(tree_of(first / "policy.json"), tree_of(run / "start.json"))

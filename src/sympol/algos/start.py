@@ -42,7 +42,7 @@ class Start:
 
     tree: DecisionTree
     freeze: tuple[int, ...] = ()
-    confidence: float = 0.9
+    confidence: float = 0.7
     critic_warmup: float = 0.05
     origin: str = ""
     origin_return: float | None = None

@@ -56,7 +56,7 @@ class Train:
     """A condition, such as "pole angle > 0.1 and cart velocity > 0": wherever it holds, what is done stays what the
     tree to start from does."""
 
-    start_confidence: float = 0.9
+    start_confidence: float = 0.7
     """How probable the action of a leaf is made at first where the tree to start from is all but sure of it."""
 
     critic_warmup: float = 0.05

@@ -66,7 +66,7 @@ def embed(
     *,
     depth: int,
     rng: np.random.Generator,
-    confidence: float = 0.9,
+    confidence: float = 0.7,
     kept_leaves: Bool[np.ndarray, " nodes"] | None = None,
     log_std: float = 0.0,
     surrogate: Surrogate = "sigmoid",
