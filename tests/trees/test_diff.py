@@ -150,6 +150,15 @@ def test_each_edit_is_told_as_it_was_made(cartpole):
         assert diff(cartpole, edited).sentences == sentences
 
 
+def test_thresholds_that_training_moved_are_told_one_by_one(cartpole):
+    moved = replace(cartpole, threshold=np.where(cartpole.is_leaf, -2, cartpole.threshold * 2))
+    assert [(change.before, change.after) for change in diff(cartpole, moved).changes] == [
+        ("“pole angular velocity ≤ -0.05”", "“pole angular velocity ≤ -0.1”"),
+        ("“pole angle ≤ 0.021”", "“pole angle ≤ 0.042”"),
+        ("“pole angle ≤ -0.1”", "“pole angle ≤ -0.2”"),
+    ]
+
+
 def test_a_forced_rule_is_told_by_what_it_changes(cartpole):
     forced, _ = force(cartpole, "pole angle > 0.25 and cart position > 1", "push left")
     where = "Where cart position > 1 and pole angle > 0.25 and pole angular velocity"

@@ -161,7 +161,7 @@ def _changes(before: DecisionTree, after: DecisionTree) -> Iterator[Change]:
 
 
 def _reworded(before: DecisionTree, after: DecisionTree, a: int, b: int) -> list[tuple[int, int]] | None:
-    """The nodes that differ where the form below is the same and most nodes are; None where it is not."""
+    """The nodes that differ, where the form below is the same and so are all features or most nodes; else None."""
     parts = subtree(before, a), subtree(after, b)
     if parts[0].children_left.tolist() != parts[1].children_left.tolist():
         return None
@@ -170,7 +170,8 @@ def _reworded(before: DecisionTree, after: DecisionTree, a: int, b: int) -> list
         for i in range(parts[0].n_nodes)
         if _asks(parts[0], i) != _asks(parts[1], i) or _acts(parts[0], i) != _acts(parts[1], i)
     ]
-    return differ if len(differ) <= max(1, parts[0].n_nodes // 3) else None
+    trained_on = parts[0].feature.tolist() == parts[1].feature.tolist()
+    return differ if trained_on or len(differ) <= max(1, parts[0].n_nodes // 3) else None
 
 
 def regions(before: DecisionTree, after: DecisionTree, node: int = 0) -> Iterator[Change]:
