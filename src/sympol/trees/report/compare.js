@@ -35,9 +35,8 @@ function build() {
     el("main", null,
       card("episode", "Side by side", null, player.element,
         el("div", { class: "players" }, ...lanes.map(({ element }) => element))),
-      el("div", { class: "tiles" },
-        numbersCard(),
-        card("returns", "Test episodes", null, el("p", { class: "quiet" }, "Every dot an episode, the line their mean."), strips(policies)))),
+      numbersCard(),
+      card("returns", "Test episodes", null, el("p", { class: "quiet" }, "Every dot an episode, the line their mean."), strips(policies))),
     el("footer", null, "Made by sympol. This file asks nothing of the network."));
   lanes.forEach((lane) => lane.draw());
   start(0);
