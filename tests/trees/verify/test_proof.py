@@ -132,6 +132,55 @@ def test_the_counterexample_of_two_trees_is_the_smallest():
     assert len(set(sizes)) > 2
 
 
+def test_fewer_numbers_that_are_not_0_count_more_than_how_near_they_are():
+    arrays = {
+        "children_left": [1, 2, -1, 4, -1, -1, -1],
+        "children_right": [6, 3, -1, 5, -1, -1, -1],
+        "feature": [0, 1, -2, 2, -2, -2, -2],
+        "threshold": [4.5, 0.05, -2, 0.05, -2, -2, -2],
+        "actions": DiscreteActions(2),
+        "feature_names": ("x", "y", "z"),
+        "feature_low": [-9] * 3,
+        "feature_high": [9] * 3,
+    }
+    first, last = [0, 0, 1, 0, 1, 0, 0], [0, 0, 1, 0, 1, 1, 1]
+    tree, other = (
+        DecisionTree(**arrays, value=np.column_stack([one, np.multiply(2, one)])) for one in (first, last)
+    )
+    assert tree.predict([0, 0.06, 0.06]) != other.predict([0, 0.06, 0.06])
+    assert equal(tree, other).counterexample.tolist() == [5, 0, 0]  # pyright: ignore
+
+
+def test_trees_are_equal_that_differ_only_between_whole_numbers():
+    tree = DecisionTree.from_complete(
+        np.array([0, 0, 0]),
+        np.array([0.8, 0.2, 2]),
+        np.eye(4),
+        actions=DiscreteActions(4),
+        feature_names=["x"],
+    )
+    value = tree.value.copy()
+    value[np.flatnonzero(tree.is_leaf)[1]] *= 0  # of x from 0.2 to 0.8
+    other = dataclasses.replace(tree, value=value)
+    assert not equal(tree, other).holds
+    whole = dataclasses.replace(tree, integers=[0])
+    assert equal(whole, other).holds
+    assert equal(other, whole).holds
+
+
+def test_monotonicity_does_not_depend_on_how_many_pairs_are_looked_at_at_once(monkeypatch):
+    rng = np.random.default_rng(8)
+    for _ in range(5):
+        tree = random_tree(rng, ACTIONS["box"], depth=5)
+        whole, *_ = tree.verify("gas is increasing in x[0]")
+        monkeypatch.setattr("sympol.trees.verify.monotone._AT_ONCE", 7)
+        parts, *_ = tree.verify("gas is increasing in x[0]")
+        monkeypatch.undo()
+        assert (parts.holds, parts.n_violating) == (whole.holds, whole.n_violating)
+        for one, other in zip(parts.examples, whole.examples, strict=True):
+            assert np.count_nonzero(one.observation[1:]) == np.count_nonzero(other.observation[1:])
+
+
 @pytest.mark.parametrize("kind", ACTIONS)
 @pytest.mark.parametrize("make", [random_tree, random_grouped_tree])
 def test_a_pruned_tree_is_equal_and_a_changed_one_is_not(kind, make):
