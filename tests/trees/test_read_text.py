@@ -266,6 +266,7 @@ def test_what_can_be_read_in_two_ways_is_refused():
     [
         ("features = [", "the header, between .* is not TOML"),
         ("features = ['a']", "must say both features and actions"),
+        (f"features = {'[' * 9999}", "the header nests too deeply"),
         ("feature = ['a']", "the header says 'feature'; it may say features"),
         ("features = ['a']\nactions = []", "the header: "),
         ("features = ['a']\nactions = 3", "the header: actions must be of type"),

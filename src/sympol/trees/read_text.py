@@ -123,6 +123,8 @@ def read_header(text: str) -> Header:
         content = tomllib.loads("\n".join(lines[first + 1 : fences[1]]))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"the header, between {FENCE} and {FENCE}, is not TOML: {error}") from error
+    except RecursionError as error:
+        raise ValueError("the header nests too deeply for a tree") from error
     if unknown := content.keys() - {"features", "actions", "groups", "meta", "env"}:
         raise ValueError(
             f"the header says {sorted(unknown)[0]!r}; it may say features, actions, groups, meta and env"
