@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 from fractions import Fraction
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sympol.trees import BoxActions, DecisionTree, MultiDiscreteActions
+from sympol.trees.floats import next_above
 
-from ..samples import ACTIONS, random_grouped_tree, random_tree
+from ..samples import ACTIONS, consistent, random_grouped_tree, random_tree
 
 _NORMAL, _LARGEST = 0x00800000, 0x7F7FFFFF
 _NUMBERS = _LARGEST - _NORMAL + 1
@@ -152,3 +154,53 @@ def is_true(said: Said, action: list[Fraction], tree: DecisionTree) -> bool:
 def decided(tree: DecisionTree, node: int) -> list[Fraction]:
     action = tree.actions.decide(tree.value[node : node + 1])
     return [Fraction(float(number)) for number in np.ravel(action)]
+
+
+def literals(said: Said, feature: int) -> list[float]:
+    """The float32 numbers at which a condition's comparisons of a feature change."""
+    match said:
+        case ("not", part):
+            return literals(part, feature)
+        case ("and" | "or", parts):
+            return [number for part in parts for number in literals(part, feature)]
+        case ("cmp", position, relation, text) if position == feature:
+            return [float(greatest(Fraction(text), below=relation in ("<", ">=")))]
+    return []
+
+
+def every_kind_of_observation(tree: DecisionTree, *conditions: Said) -> np.ndarray:
+    """One observation at least for each set of answers to all questions of a tree and of conditions."""
+    axes = []
+    for f in range(tree.n_features):
+        if f in tree.group_of:
+            axes.append(np.float32([0, 1]))
+            continue
+        cuts = np.float32([number for said in conditions for number in literals(said, f)])
+        cuts = np.concatenate([cuts, tree.threshold[tree.feature == f]])
+        ends = [tree.feature_low[f], tree.feature_high[f], 0, -np.inf, np.inf, np.nan]
+        if f in tree.integers:
+            cuts, ends = np.floor(np.concatenate([cuts, tree.feature_high[[f]]])), [0]
+            cuts = np.concatenate([cuts, cuts + 1, np.ceil(tree.feature_low[[f]]), [-9, 9]])
+            axes.append(np.unique(cuts[np.isfinite(cuts)]).astype(np.float32) + np.float32(0))
+            continue
+        axes.append(np.unique(np.concatenate([cuts, next_above(cuts), np.float32(ends)])))
+    return consistent(tree, np.array(list(product(*axes)), np.float32))
+
+
+def truth(said: Said, x: np.ndarray, tree: DecisionTree, *, negated: bool = False) -> bool:
+    """Whether a condition, or its opposite, is true of an observation."""
+    match said:
+        case ("not", part):
+            return truth(part, x, tree, negated=not negated)
+        case ("and" | "or" as join, parts):
+            each = [truth(part, x, tree, negated=negated) for part in parts]
+            return all(each) if (join == "and") != negated else any(each)
+        case ("is", which, categories):
+            return any(x[tree.groups[which].features[i]] == 1 for i in categories) != negated
+        case ("cmp", position, relation, text):
+            # where a number is NaN, neither a comparison nor its opposite is true
+            number = float(x[position])
+            if np.isinf(number):
+                return ((number > 0) == (relation in (">", ">="))) != negated
+            return not np.isnan(number) and compared(Fraction(number), relation, text) != negated
+    raise AssertionError(said)

@@ -1,8 +1,5 @@
 """Verdicts against brute force over every cell that observations can fall into, NaN and infinities among them."""
 
-import dataclasses
-from fractions import Fraction
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -10,72 +7,21 @@ import pytest
 
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 from sympol.trees.boxes import space
-from sympol.trees.floats import next_above
-from sympol.trees.verify import Property, action_range, equal, possible_actions, verify
+from sympol.trees.verify import Property, action_range, possible_actions, verify
 
-from ..samples import ACTIONS, consistent, random_grouped_tree, random_tree
+from ..samples import ACTIONS, random_tree
 from .questions import (
     as_text,
-    compared,
     decided,
-    greatest,
+    every_kind_of_observation,
     is_true,
     random_case,
     random_claim,
     random_condition,
+    truth,
 )
 
 ROOT = Path(__file__).parents[3]
-
-
-def literals(said, feature) -> list[float]:
-    """The float32 numbers at which a condition's comparisons of a feature change."""
-    match said:
-        case ("not", part):
-            return literals(part, feature)
-        case ("and" | "or", parts):
-            return [number for part in parts for number in literals(part, feature)]
-        case ("cmp", position, relation, text) if position == feature:
-            return [float(greatest(Fraction(text), below=relation in ("<", ">=")))]
-    return []
-
-
-def every_kind_of_observation(tree: DecisionTree, *conditions) -> np.ndarray:
-    """One observation at least for each set of answers to all questions of a tree and of conditions."""
-    axes = []
-    for f in range(tree.n_features):
-        if f in tree.group_of:
-            axes.append(np.float32([0, 1]))
-            continue
-        cuts = np.float32([number for said in conditions for number in literals(said, f)])
-        cuts = np.concatenate([cuts, tree.threshold[tree.feature == f]])
-        ends = [tree.feature_low[f], tree.feature_high[f], 0, -np.inf, np.inf, np.nan]
-        if f in tree.integers:
-            cuts, ends = np.floor(np.concatenate([cuts, tree.feature_high[[f]]])), [0]
-            cuts = np.concatenate([cuts, cuts + 1, np.ceil(tree.feature_low[[f]]), [-9, 9]])
-            axes.append(np.unique(cuts[np.isfinite(cuts)]).astype(np.float32) + np.float32(0))
-            continue
-        axes.append(np.unique(np.concatenate([cuts, next_above(cuts), np.float32(ends)])))
-    return consistent(tree, np.array(list(product(*axes)), np.float32))
-
-
-def truth(said, x, tree, *, negated=False) -> bool:
-    """Whether a condition, or its opposite, is true of an observation."""
-    match said:
-        case ("not", part):
-            return truth(part, x, tree, negated=not negated)
-        case ("and" | "or" as join, parts):
-            each = [truth(part, x, tree, negated=negated) for part in parts]
-            return all(each) if (join == "and") != negated else any(each)
-        case ("is", which, categories):
-            return any(x[tree.groups[which].features[i]] == 1 for i in categories) != negated
-        case ("cmp", position, relation, text):
-            # where a number is NaN, neither a comparison nor its opposite is true
-            number = float(x[position])
-            if np.isinf(number):
-                return ((number > 0) == (relation in (">", ">="))) != negated
-            return not np.isnan(number) and compared(Fraction(number), relation, text) != negated
-    raise AssertionError(said)
 
 
 @pytest.mark.parametrize("grouped", [False, True])
@@ -110,64 +56,6 @@ def test_rules_hold_where_no_observation_is_against_them(grouped, bounds):
     assert 5 < sum(held) < 35
 
 
-def test_the_counterexample_of_two_trees_is_the_smallest():
-    rng = np.random.default_rng(5)
-    sizes = []
-    for _ in range(60):
-        tree = random_tree(rng, ACTIONS["discrete"], depth=2)
-        value = tree.value.copy()
-        value[rng.choice(np.flatnonzero(tree.is_leaf))] *= -1
-        other = dataclasses.replace(tree, value=value)
-        x = every_kind_of_observation(tree)
-        x = x[((x >= tree.feature_low) & (x <= tree.feature_high)).all(axis=1)]
-        differ = x[tree.predict(x) != other.predict(x)]
-        verdict = equal(tree, other)
-        assert verdict.holds == (len(differ) == 0)
-        if not verdict.holds:
-            found = verdict.counterexample
-            assert found is not None
-            assert tree.predict(found) != other.predict(found)
-            assert np.count_nonzero(found) == np.count_nonzero(differ, axis=1).min()
-            sizes.append(np.count_nonzero(found))
-    assert len(set(sizes)) > 2
-
-
-def test_fewer_numbers_that_are_not_0_count_more_than_how_near_they_are():
-    arrays = {
-        "children_left": [1, 2, -1, 4, -1, -1, -1],
-        "children_right": [6, 3, -1, 5, -1, -1, -1],
-        "feature": [0, 1, -2, 2, -2, -2, -2],
-        "threshold": [4.5, 0.05, -2, 0.05, -2, -2, -2],
-        "actions": DiscreteActions(2),
-        "feature_names": ("x", "y", "z"),
-        "feature_low": [-9] * 3,
-        "feature_high": [9] * 3,
-    }
-    first, last = [0, 0, 1, 0, 1, 0, 0], [0, 0, 1, 0, 1, 1, 1]
-    tree, other = (
-        DecisionTree(**arrays, value=np.column_stack([one, np.multiply(2, one)])) for one in (first, last)
-    )
-    assert tree.predict([0, 0.06, 0.06]) != other.predict([0, 0.06, 0.06])
-    assert equal(tree, other).counterexample.tolist() == [5, 0, 0]  # pyright: ignore
-
-
-def test_trees_are_equal_that_differ_only_between_whole_numbers():
-    tree = DecisionTree.from_complete(
-        np.array([0, 0, 0]),
-        np.array([0.8, 0.2, 2]),
-        np.eye(4),
-        actions=DiscreteActions(4),
-        feature_names=["x"],
-    )
-    value = tree.value.copy()
-    value[np.flatnonzero(tree.is_leaf)[1]] *= 0  # of x from 0.2 to 0.8
-    other = dataclasses.replace(tree, value=value)
-    assert not equal(tree, other).holds
-    whole = dataclasses.replace(tree, integers=[0])
-    assert equal(whole, other).holds
-    assert equal(other, whole).holds
-
-
 def test_monotonicity_does_not_depend_on_how_many_pairs_are_looked_at_at_once(monkeypatch):
     rng = np.random.default_rng(8)
     for _ in range(5):
@@ -179,38 +67,6 @@ def test_monotonicity_does_not_depend_on_how_many_pairs_are_looked_at_at_once(mo
         assert (parts.holds, parts.n_violating) == (whole.holds, whole.n_violating)
         for one, other in zip(parts.examples, whole.examples, strict=True):
             assert np.count_nonzero(one.observation[1:]) == np.count_nonzero(other.observation[1:])
-
-
-@pytest.mark.parametrize("kind", ACTIONS)
-@pytest.mark.parametrize("make", [random_tree, random_grouped_tree])
-def test_a_pruned_tree_is_equal_and_a_changed_one_is_not(kind, make):
-    rng = np.random.default_rng(6)
-    for depth in (0, 1, 4, 7):
-        tree = make(rng, ACTIONS[kind], depth=depth)
-        assert equal(tree, tree.prune()).holds
-        assert equal(tree, tree.prune(bounds=False), within_bounds=False).holds
-        small = tree.prune(merge=False)
-        leaf = int(np.flatnonzero(small.is_leaf)[-1])
-        value = small.value.copy()
-        value[leaf] = -10 * np.sign(value[leaf]) if kind == "box" else -value[leaf]
-        changed = dataclasses.replace(small, value=value)
-        verdict = equal(tree, changed)
-        assert not verdict.holds
-        assert verdict.n_violating >= 1
-        found = verdict.counterexample
-        assert (tree.predict(found) != changed.predict(found)).any()
-        assert "; the other: " in verdict.words
-
-
-def test_trees_that_cannot_be_compared_are_refused(cartpole, pendulum, front):
-    with pytest.raises(ValueError, match="other features: 'cart position' and 'cos θ'"):
-        equal(cartpole, pendulum)
-    with pytest.raises(ValueError, match="2 actions from number 0 and 2 actions from number 1"):
-        equal(cartpole, dataclasses.replace(cartpole, actions=DiscreteActions(2, start=1)))
-    group = dataclasses.replace(front.groups[0], name="elsewhere")
-    with pytest.raises(ValueError, match="other groups"):
-        equal(front, dataclasses.replace(front, groups=[group]))
-    assert equal(front, dataclasses.replace(front, groups=())).holds
 
 
 def test_verdicts_say_what_was_proven_and_what_not(cartpole):
