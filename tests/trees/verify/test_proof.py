@@ -1,5 +1,6 @@
 """Verdicts against brute force over every cell that observations can fall into, NaN and infinities among them."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -202,3 +203,16 @@ def test_the_program_in_the_documentation_runs(cartpole, tmp_path, monkeypatch, 
     assert "action is never push left: fails in 2 of 4 leaves: cart position = 0" in said
     assert "far right: holds: proven for 2 leaves\n" in said
     assert said.endswith("[0 1]\n")
+
+
+def test_the_documentation_says_what_was_measured():
+    page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
+    measured = json.loads((ROOT / "results" / "verify.json").read_text(encoding="utf-8"))
+    agreement = measured["agreement"]
+    assert f"Of {agreement['pairs']:,} random pairs" in page
+    assert f"{agreement['disagreements']} were answered otherwise" in page
+    assert agreement["disagreements"] == 0
+    for question, milliseconds in measured["milliseconds"].items():
+        assert f"| {question} | {milliseconds:.1f} |" in page
+    for question, both in measured["beside_z3"].items():
+        assert f"| {question} | {both['our_milliseconds']:.0f} | {both['z3_milliseconds']:,.0f} |" in page
