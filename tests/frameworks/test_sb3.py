@@ -179,15 +179,18 @@ def test_the_tree_answers_as_the_policy_does(kind, tmp_path):
 def test_the_tree_answers_as_the_policy_does_on_every_threshold():
     rng = np.random.default_rng(4)
     env = World(Box(-np.inf, np.inf, (3,)), Discrete(4))
-    for seed in range(5):
+    for seed in range(6):
         shift, scale = rng.normal(size=3), np.float32(10.0 ** rng.uniform(-6, 6, 3))
+        if seed == 5:  # differences that are subnormal, and would count if they were not zero
+            shift, scale = np.float32([1.3e-38, -1.3e-38, 2e-38]), np.full(3, np.float32(1e38))
         model = short_ppo(env, seed, depth=6, shift=shift.tolist(), scale=scale.tolist(), threshold_std=1.0)
         with torch.no_grad():
             model.policy.action_net.thresholds[:, 0] = torch.tensor(rng.choice(SPECIAL, 63))
         tree = model.policy.to_tree()
         t = tree.threshold[~tree.is_leaf]
         t = np.concatenate([t, np.nextafter(t, np.float32(np.inf)), np.nextafter(t, np.float32(-np.inf))])
-        x = rng.choice(np.float32([*t, *SPECIAL, *shift, np.inf, -np.inf, np.nan]), (20_000, 3))
+        near = [*(shift * 1.05), *(shift * 0.95), *shift]
+        x = rng.choice(np.float32([*t, *SPECIAL, *near, np.inf, -np.inf, np.nan]), (20_000, 3))
         np.testing.assert_array_equal(model.predict(x, deterministic=True)[0], tree.predict(x))
 
 

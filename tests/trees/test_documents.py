@@ -221,6 +221,32 @@ def test_latex_has_no_command_of_a_name_s(name):
     assert text.count("[") == text.count("]")
 
 
+@pytest.mark.parametrize("kind", ACTIONS)
+def test_latex_nests_as_the_tree_does(kind):
+    tree = random_tree(np.random.default_rng(9), ACTIONS[kind])
+    words, way, expected = tree.export("latex").split("corners}\n")[1].splitlines()[:-1], [], []
+    awaited = [(0, 0, "")]
+    while awaited:
+        node, depth, edge = awaited.pop()
+        expected.append((depth, edge, bool(tree.is_leaf[node]), question_or_action(tree, node)))
+        if not tree.is_leaf[node]:
+            asked = question(tree, node)
+            awaited += [(asked.no_child, depth + 1, ", no"), (asked.yes_child, depth + 1, ", yes")]
+    for line in words:
+        if line.strip() != "]":
+            depth = (len(line) - len(line.lstrip())) // 2
+            edge = next((edge for edge in (", yes", ", no") if edge in line.split("}")[-1]), "")
+            text = re.findall(r"\[\{(.*)\}", line)[0].split(r"\\")[0]
+            way.append((depth, edge, line.endswith(", action]"), text.replace(r"{$\leq$}", "≤")))
+    assert way == [
+        (*head, words.replace("[", r"{\char91}").replace("]", r"{\char93}")) for *head, words in expected
+    ]
+
+
+def question_or_action(tree: DecisionTree, node: int) -> str:
+    return leaf_words(tree, node)[0] if tree.is_leaf[node] else question(tree, node).words
+
+
 def has_tex(*packages: str) -> bool:
     return bool(shutil.which("pdflatex")) and all(
         subprocess.run(["kpsewhich", package], capture_output=True, check=False).returncode == 0
