@@ -3,8 +3,8 @@
     python -m benchmarks.exports [RUN] [--sb3 PYTHON]
 
 RUN holds a tree of CartPole-v1; without one, one is trained (about 20 s). The observations are those the tree meets in
-a million steps of Gymnasium's CartPole. Compiled and interpreted programs go through all of them, in several rounds;
-what takes microseconds a call goes through the first thousands. In turns, so that a busy machine meets all. Every
+a million steps of Gymnasium's CartPole. In ten turns, so that a busy machine meets all, each form goes through a
+tenth of them, in rounds short enough that most are not interrupted; what takes microseconds a call through some hundreds. Every
 action is compared with the tree's. PYTHON is the interpreter of a virtual environment with stable-baselines3, whose
 untrained MLP of the usual size is asked one observation a call. Writes results/exports.json and the table in
 docs/exports.md.
@@ -38,7 +38,11 @@ from .timing import ROOT, write
 ENV = "CartPole-v1"
 N_ENVS = 500
 N = 1_000_000
-TURNS, ROUNDS = 5, 3
+TURNS, ROUNDS = 10, 10
+CHUNK = 10_000
+"""Decisions timed at once."""
+FEW = 200
+"""Rows of a turn for what is slow."""
 MARKS = "<!-- written by benchmarks/exports.py -->", "<!-- until here -->"
 
 COMPILERS = {
@@ -82,11 +86,12 @@ def each(act: Callable[[Any], Any], rows: Any, expected: np.ndarray) -> list[flo
     acted = [act(row) for row in rows]
     assert (np.array(acted).ravel() == expected[: len(acted)].ravel()).all()
     seconds = []
-    for _ in range(ROUNDS):
+    for i in range(0, len(rows), CHUNK):
+        chunk = rows[i : i + CHUNK]
         start = time.perf_counter()
-        for row in rows:
+        for row in chunk:
             act(row)
-        seconds.append((time.perf_counter() - start) / len(rows))
+        seconds.append((time.perf_counter() - start) / len(chunk))
     return seconds
 
 
@@ -104,7 +109,7 @@ def variants(tree: DecisionTree, x: np.ndarray, python: str | None) -> dict[str,
     expected = tree.predict(x)
     namespace: dict[str, Any] = {"__name__": "policy"}
     exec(tree.to_python(), namespace)
-    act, lists, few = namespace["act"], x.tolist(), list(x[:2000])
+    act, lists, few = namespace["act"], x.tolist(), list(x[:FEW])
     estimator = tree.to_sklearn()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
@@ -116,8 +121,8 @@ def variants(tree: DecisionTree, x: np.ndarray, python: str | None) -> dict[str,
         "JavaScript, ifs": lambda: whole(tree, "javascript", x, expected, style="ifs"),
         "JavaScript, table": lambda: whole(tree, "javascript", x, expected, style="table"),
         "Python file, lists": lambda: each(act, lists, expected),
-        "Python file, NumPy rows": lambda: each(act, list(x[:100_000]), expected),
-        "SQLite, a query": lambda: whole(tree, "sql", x[:100_000], expected[:100_000], style="sqlite"),
+        "Python file, NumPy rows": lambda: each(act, list(x[:CHUNK]), expected),
+        "SQLite, a query": lambda: whole(tree, "sql", x[:CHUNK], expected[:CHUNK], style="sqlite"),
         "onnxruntime, batch": lambda: whole(tree, "onnx", x, expected),
         "onnxruntime, one row": lambda: each(
             lambda row: session.run(None, {"observation": row[None]})[0], few, expected
@@ -129,7 +134,7 @@ def variants(tree: DecisionTree, x: np.ndarray, python: str | None) -> dict[str,
         ),
     }
     if python is not None:
-        found["stable-baselines3 predict, one row"] = lambda: sb3(python, x[:2000])["seconds"]
+        found["stable-baselines3 predict, one row"] = lambda: sb3(python, x[:FEW])["seconds"]
     return found
 
 
@@ -214,8 +219,8 @@ def main() -> None:
         tree = sympol.PPO("tree", ENV, seed=1).learn(progress_bar=False).tree()
     x = visited(tree)
     measured: dict[str, list[float]] = {}
-    for _ in range(TURNS):
-        for name, measure in variants(tree, x, given.sb3).items():
+    for turn in range(TURNS):
+        for name, measure in variants(tree, x[turn::TURNS], given.sb3).items():
             measured.setdefault(name, []).extend(measure())
     table = Table("", "ns a decision", "least", "decisions a second")
     results = {}
