@@ -16,8 +16,8 @@ from sympol.functional import hard_tree, select
 from sympol.trees import DecisionTree, DiscreteActions
 
 SCALE = jnp.array(
-    [1.0, 1.0, 8.0, 1.0]
-)  # features of about unit size; powers of two, so that thresholds scale exactly
+    [[1.0, 1.0, 8.0, 1.0]]
+)  # to about unit size; powers of two, so that thresholds scale exactly
 
 
 def init(
@@ -37,7 +37,7 @@ def apply(tree, x):
 
 def to_tree(tree):
     feature, threshold = select(tree["feature_logits"], tree["thresholds"])
-    parts = (np.asarray(part) for part in (feature, threshold / SCALE[feature], tree["leaf_values"]))
+    parts = (np.asarray(part) for part in (feature, threshold / SCALE[0, feature], tree["leaf_values"]))
     actions = DiscreteActions(2, env.action_names)
     return DecisionTree.from_complete(*parts, actions=actions, feature_names=env.feature_names)
 
@@ -101,20 +101,20 @@ def iteration(carry, key):
         return (optax.apply_updates(params, updates), opt_state), None
 
     (params, opt_state), _ = jax.lax.scan(epoch, (params, opt_state), None, length=num_epochs)
-    return (params, opt_state, state, x), num_envs * num_steps / jnp.maximum(ended.sum(), 1)
+    return (params, opt_state, state, x), None
 
 
 @jax.jit
 def train(keys, first):
     params = {"actor": init(first[0], 5, 4, 2), "critic": init(first[1], 6, 4, 1)}
     state, x = jax.vmap(env.reset)(jax.random.split(first[2], num_envs))
-    (params, *_), lengths = jax.lax.scan(iteration, (params, optimizer.init(params), state, x), keys)
-    return params, lengths
+    (params, *_), _ = jax.lax.scan(iteration, (params, optimizer.init(params), state, x), keys)
+    return params
 
 
 seed = int(sys.argv[2]) if sys.argv[2:] else 0
 keys = jax.random.split(jax.random.key(seed), 3 + num_iterations)
-params, lengths = train(keys[3:], keys[:3])
+params = train(keys[3:], keys[:3])
 tree = to_tree(params["actor"]).prune()
 print(tree)
 mean, std = sympol.evaluate_policy(tree, "CartPole-v1", 100)
