@@ -2,12 +2,12 @@
 
     python -m benchmarks.exports [RUN] [--sb3 PYTHON]
 
-RUN holds a tree of CartPole-v1; without one, one is trained (about 20 s). The observations are those the tree meets in
-a million steps of Gymnasium's CartPole. In ten turns, so that a busy machine meets all, each form goes through a
+RUN holds a tree of CartPole-v1; without one, one is trained (about 20 s). The observations are those the tree meets
+in a million steps of Gymnasium's CartPole. In ten turns, so that a busy machine meets all, each form goes through a
 tenth of them, in rounds short enough that most are not interrupted; what takes microseconds a call through some
-hundreds. Every action is compared with the tree's. PYTHON is the interpreter of a virtual environment with stable-baselines3, whose
-untrained MLP of the usual size is asked one observation a call. Writes results/exports.json and the table in
-docs/exports.md.
+hundreds. Every action is compared with the tree's. PYTHON is the interpreter of a virtual environment with stable-
+baselines3, whose untrained MLP of the usual size is asked one observation a call. Writes results/exports.json and the
+table in docs/exports.md.
 """
 
 from __future__ import annotations
