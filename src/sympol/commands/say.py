@@ -115,6 +115,7 @@ def print_next(path: Path, *, has_tree: bool = True) -> None:
         steps = [
             (f"{sympol} show {run}", "this tree again"),
             *steps,
+            (f"{sympol} report {run}", "a page: the tree at work, its rules, its episodes"),
             (f"{sympol} watch {run}", "a film of an episode beside the tree"),
             (f"{sympol} export {run} --to python", "the policy as a program without dependencies"),
             (str(path / "tree.svg"), "the picture"),
