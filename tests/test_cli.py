@@ -332,9 +332,7 @@ def test_the_shell_around_the_commands(capsys):
     assert capsys.readouterr().out.count("sympol train CartPole-v1") == 2
     assert status_of("--version") == 0
     assert capsys.readouterr().out == f"sympol {sympol.__version__}\n"
-    assert "unknown command 'tarin'; there are train, show, eval, watch, export" in refused(
-        capsys, "tarin"
-    )
+    assert "unknown command 'tarin'; there are train, show, eval, watch, export" in refused(capsys, "tarin")
 
 
 def test_tensorboard(tmp_path, capsys, monkeypatch):

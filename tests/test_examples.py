@@ -22,8 +22,8 @@ EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
 STUDY = "goal_misgeneralization"
 """Has arguments with names; it is tested on Farama's MiniGrid."""
 
-LONGER = {STUDY: 200, "purejax": 130}
-"""A study, and a whole PPO; all others fit a screen."""
+LONGER = {STUDY: 200, "purejax": 130, "ship_a_controller": 100}
+"""A study, a whole PPO, and a controller from training to C; all others fit a screen."""
 
 
 @pytest.mark.slow

@@ -30,6 +30,20 @@ def rows() -> list[list[str]]:
 HEAD, _, *BODY = rows()
 
 
+def test_the_speed_of_programs_is_as_measured():
+    measured = json.loads((ROOT / "results" / "exports.json").read_text(encoding="utf-8"))
+    ns = {name: row["median_ns"] for name, row in measured["decision"].items()}
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    said = text.split("<!-- exports: tests/test_readme.py -->")[1].split("<!-- end exports -->")[0]
+    assert " ".join(said.split()) == (
+        f"{ns['C, ifs']:.0f} ns in C, {ns['Python file, lists']:.0f} ns in Python; "
+        f"{ns['onnxruntime, one row']:,.0f} ns by onnxruntime, "
+        f"{ns['scikit-learn predict, one row'] / 1000:.0f} µs by scikit-learn and "
+        f"{ns['stable-baselines3 predict, one row'] / 1000:.0f} µs by stable-baselines3's `predict`"
+    )
+    assert f"it is {min(measured['code_bytes']['Cortex-M0+'].values())} bytes" in text
+
+
 @pytest.mark.parametrize("row", BODY, ids=[row[0].strip("* ") for row in BODY])
 def test_the_rivals_are_as_measured(row):
     slug, nodes = SLUGS[row[0].strip("* ")], []
