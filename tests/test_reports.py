@@ -244,6 +244,14 @@ def test_the_command_writes_into_the_run(run, capsys):
     assert Page(path.read_text(encoding="utf-8")).data["title"] == "CartPole-v1"
 
 
+def test_a_file_of_a_tree_has_a_page_without_episodes(run, tmp_path, capsys):
+    file = tmp_path / "policy.json"
+    file.write_text((run.path / "policy.json").read_text(encoding="utf-8"), encoding="utf-8")
+    assert main(["report", str(file)]) == 0
+    assert "written to" in capsys.readouterr().err
+    assert Page((tmp_path / "policy.html").read_text(encoding="utf-8")).data["title"]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -18,17 +18,18 @@ from ..runs.folder import Run
 from .arguments import Folder
 from .parse import parse
 from .say import err, one_line_errors
+from .sources import tree_from
 
 
 @dataclass
 class Report:
-    """One web page to see, question and copy a run's tree; it needs no network and nothing beside it."""
+    """One web page to see, question and copy a tree; it needs no network and nothing beside it."""
 
     run: Folder
-    """The run's folder."""
+    """The run's folder; or the .json or .txt of a tree, whose page has no episodes."""
 
     out: Path | None = None
-    """The file; RUN/report.html by default."""
+    """The file; RUN/report.html by default, TREE.html beside the file of a tree."""
 
     episodes: int = 100
     """Test episodes on Gymnasium; the worst, the median and the best can be watched."""
@@ -61,6 +62,8 @@ class Compare:
 def report(arguments: Sequence[str]) -> int:
     """``sympol report``."""
     given = parse(Report, "report", arguments)
+    if given.run.is_file():
+        return _report_file(given)
     run, path = Run.open(given.run), given.out or given.run / "report.html"
     _require_folder(path)
     with err.status("") as status:
@@ -72,6 +75,15 @@ def report(arguments: Sequence[str]) -> int:
             progress=lambda words: status.update(escape(words)),
         )
     _write(path, page)
+    return 0
+
+
+def _report_file(given: Report) -> int:
+    if given.properties is not None:
+        raise RunError(f"--properties is for runs; prove them by sympol verify {given.run} --properties ...")
+    path = given.out or given.run.with_suffix(".html")
+    _require_folder(path)
+    _write(path, tree_from(given.run).to_html())
     return 0
 
 

@@ -84,7 +84,9 @@ def check(tree: DecisionTree) -> None:
         raise ValueError("value must be zero at inner nodes: only leaves answer")
     looked_at = tree.feature[~leaf]
     if ((looked_at < 0) | (looked_at >= n_features)).any():
-        raise ValueError(f"feature must be in [0, {n_features}) at inner nodes, got {sorted(set(looked_at))}")
+        raise ValueError(
+            f"feature must be in [0, {n_features}) at inner nodes, got {sorted(set(looked_at.tolist()))}"
+        )
     if (visits := tree.n_node_samples) is not None:
         below = visits[tree.children_left[~leaf]] + visits[tree.children_right[~leaf]]
         if (visits < 0).any() or (visits[~leaf] != below).any():
