@@ -287,14 +287,7 @@ class Agent(abc.ABC):
         """What readers are told of a tree made of this policy: actions, names and bounds of the features, groups."""
         features = self.spec.features
         low, high = kept_bounds(features, self._trained())
-        return {
-            "actions": self.actions,
-            "feature_names": features.names,
-            "feature_low": low,
-            "feature_high": high,
-            "groups": features.groups,
-            "integers": features.integers,
-        }
+        return {"actions": self.actions, **features.reading(), "feature_low": low, "feature_high": high}
 
     def _extract(self) -> DecisionTree:
         if self.state is None and self.start is not None:

@@ -69,16 +69,7 @@ class Start:
         actions = spec.actions
         if isinstance(actions, BoxActions) and isinstance(tree.actions, BoxActions):
             actions = replace(actions, std=tree.actions.std)
-        fitted = replace(
-            tree,
-            actions=actions,
-            feature_names=features.names,
-            feature_low=features.low,
-            feature_high=features.high,
-            groups=features.groups,
-            integers=features.integers,
-        )
-        return replace(self, tree=fitted)
+        return replace(self, tree=replace(tree, actions=actions, **features.reading()))
 
     def check(self, config: Config) -> None:
         """Raise ConfigError unless a policy of this config can start from the tree."""

@@ -42,16 +42,7 @@ def _from_text(path: Path, text: str) -> DecisionTree:
         return DecisionTree.from_text(text)
     if "env" in header:
         spec = _environment(path, header["env"], None)
-        features = spec.features
-        return DecisionTree.from_text(
-            text,
-            actions=spec.actions,
-            feature_names=features.names,
-            feature_low=features.low,
-            feature_high=features.high,
-            groups=features.groups,
-            integers=features.integers,
-        )
+        return DecisionTree.from_text(text, actions=spec.actions, **spec.features.reading())
     beside = path.with_name("policy.json")
     if not beside.exists():
         raise RunError(

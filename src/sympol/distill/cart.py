@@ -57,15 +57,7 @@ def from_sklearn(estimator: DecisionTreeClassifier | DecisionTreeRegressor, spec
         raise ValueError(
             f"a tree for {spec.name} must see {n_features} features, got one fitted on {estimator.tree_.n_features}"
         )
-    return DecisionTree.from_sklearn(
-        estimator,
-        spec.actions,
-        feature_names=spec.features.names,
-        feature_low=spec.features.low,
-        feature_high=spec.features.high,
-        groups=spec.features.groups,
-        integers=spec.features.integers,
-    )
+    return DecisionTree.from_sklearn(estimator, spec.actions, **spec.features.reading())
 
 
 def _within_seen_bounds(tree: DecisionTree, spec: EnvSpec, x: np.ndarray) -> DecisionTree:

@@ -87,6 +87,16 @@ class Features:
             high=np.where(ordered & (np.abs(high) < UNBOUNDED), high, np.float32(np.inf)),
         )
 
+    def reading(self) -> dict[str, Any]:
+        """What a `DecisionTree` is told of its features, as its constructors take it."""
+        return {
+            "feature_names": self.names,
+            "feature_low": self.low,
+            "feature_high": self.high,
+            "groups": self.groups,
+            "integers": self.integers,
+        }
+
     def flatten(self, observation: Any) -> NDArray[np.float32]:
         """Turn one observation, or a batch of them, into features ``[*batch, F]``.
 

@@ -227,12 +227,8 @@ class TreePolicy(ActorCriticPolicy):
             extractor.shift.cpu().numpy(),
             extractor.scale.cpu().numpy(),
             actions=actions,
-            feature_names=features.names,
-            feature_low=features.low,
-            feature_high=features.high,
-            groups=features.groups,
-            integers=features.integers,
             meta=meta,
+            **features.reading(),
         )
 
     def _reading(

@@ -2,49 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..functional.float32_order import unscale_thresholds
 from ..trees import DecisionTree
-from ..trees.actions import ActionSpec
-from ..trees.groups import Group
 from .tree import Tree
 
 
-def extract_tree(
-    actor: Tree,
-    shift: np.ndarray,
-    scale: np.ndarray,
-    *,
-    actions: ActionSpec,
-    feature_names: Sequence[str],
-    feature_low: np.ndarray,
-    feature_high: np.ndarray,
-    groups: Sequence[Group] = (),
-    integers: Sequence[int] = (),
-) -> DecisionTree:
+def extract_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **reading: Any) -> DecisionTree:
     """The complete tree over raw observations that acts, on every float32 observation, as the actor does.
 
     The actor sees ``(x − shift) · scale``; the tree's thresholds undo the scaling exactly (`unscale_thresholds`).
+    ``reading`` is as of `raw_tree`.
     """
     feature = np.argmax(np.asarray(actor.feature_logits), axis=1)
     threshold = np.take_along_axis(np.asarray(actor.thresholds), feature[:, None], axis=1)[:, 0]
-    return raw_tree(
-        feature,
-        threshold,
-        np.asarray(actor.leaf_values),
-        shift,
-        scale,
-        actions=actions,
-        feature_names=feature_names,
-        feature_low=feature_low,
-        feature_high=feature_high,
-        groups=groups,
-        integers=integers,
-    )
+    return raw_tree(feature, threshold, np.asarray(actor.leaf_values), shift, scale, **reading)
 
 
 def raw_tree(
