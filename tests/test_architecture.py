@@ -28,10 +28,11 @@ BELOW: dict[str, set[str]] = {
     "evaluate": {"types", "envs", "trees", "film", "play"},
     "runs": {"types", "envs", "trees", "algos"},
     "serving": {"envs", "trees", "play"},
+    "refine": {"types", "policies", "envs", "trees", "algos", "play"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
-TOP = ["agents", "teachers", "training", "reports", "experiments", "commands", "cli"]
+TOP = ["agents", "teachers", "training", "reports", "experiments", "pareto", "commands", "cli"]
 for above in TOP:
     BELOW[above] = {*BELOW}  # what comes later in TOP is not in it yet
 BELOW["__main__"] = {"cli"}
