@@ -25,6 +25,18 @@ class FrontError(ValueError):
     """A front that cannot be: the message names the value, the rule and the remedy."""
 
 
+def _count(name: str, value: Any, *, least: int = 0) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise FrontError(f"{name} must be a whole number of at least {least}, got {value!r}")
+    return int(value)
+
+
+def _finite(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not math.isfinite(value):
+        raise FrontError(f"{name} must be a finite number, got {value!r}")
+    return float(value)
+
+
 @dataclass(frozen=True)
 class Spent:
     """What something cost; costs can be added."""
@@ -237,15 +249,3 @@ class Front:
         from .files import load
 
         return load(folder)
-
-
-def _count(name: str, value: Any, *, least: int = 0) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise FrontError(f"{name} must be a whole number of at least {least}, got {value!r}")
-    return int(value)
-
-
-def _finite(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not math.isfinite(value):
-        raise FrontError(f"{name} must be a finite number, got {value!r}")
-    return float(value)
