@@ -15,8 +15,9 @@ from .trees.actions import ActionSpec, BoxActions
 
 TEST = 0x7E57
 """Part of every seed of test episodes and of no other."""
-Purpose: TypeAlias = Literal["test", "validation", "distill"]
-_WORDS: dict[Purpose, int] = {"test": TEST, "validation": 0x7A11D, "distill": 0xD157}
+Purpose: TypeAlias = Literal["test", "validation", "distill", "refine"]
+WORDS: dict[Purpose, int] = {"test": TEST, "validation": 0x7A11D, "distill": 0xD157, "refine": 0x5EF1}
+"""Part of every seed of episodes played for that."""
 
 Act: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """From flat observations ``[batch, features]`` to as many actions, as the environment takes them."""
@@ -54,7 +55,7 @@ def play(
     Another ``purpose`` is another set of episodes, whatever the seed.
     """
     require_host(spec)
-    act = acting(policy, spec, deterministic, np.random.default_rng([seed, _WORDS[purpose]]))
+    act = acting(policy, spec, deterministic, np.random.default_rng([seed, WORDS[purpose]]))
     seeds = [episode_seed(seed, episode, purpose) for episode in range(num_episodes)]
     if spec.has_one_copy:
         one = [_play(act, spec, [episode]) for episode in seeds]
@@ -137,5 +138,5 @@ def episode_seed(seed: int, episode: int, purpose: Purpose = "test") -> int:
 
     Those of a training are even, too (`HostEnvs.reset`).
     """
-    word = int(np.random.SeedSequence([seed, _WORDS[purpose], episode]).generate_state(1)[0])
+    word = int(np.random.SeedSequence([seed, WORDS[purpose], episode]).generate_state(1)[0])
     return word | 1 if purpose == "test" else word & ~1

@@ -140,7 +140,7 @@ class Broken:
 def test_what_is_not_finite_names_the_copy(kind, word, monkeypatch):
     envs = PoolEnvs("LunarLander-v3", NUM_ENVS)
     sound, broken = Broken(), Broken(**{kind: np.nan})
-    monkeypatch.setattr(pool, "_make", lambda *_: sound)
+    monkeypatch.setattr(pool, "make_pool", lambda *_: sound)
     envs.reset(0)
     sound.step = broken.step
     with pytest.raises(EnvironmentFailure, match=f"environment 3 returned {word} that is not finite"):

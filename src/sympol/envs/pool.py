@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -86,7 +87,7 @@ class PoolEnvs:
         """
         words = np.random.SeedSequence(seed).generate_state(self.num_envs)
         seeds = (words >> 2 << 1).tolist()  # even, as everywhere but in tests, and within int32
-        self._pool = _make(self._task, self.num_envs, seeds)
+        self._pool = make_pool(self._task, seeds)
         observation = flushed(self._pool.reset()[0])
         require_finite("an observation", observation)
         return observation
@@ -128,10 +129,15 @@ def _spread(rows: ndarray, wanted: Bool[ndarray, " envs"]) -> ndarray:
     return full
 
 
-def _make(task: str, num_envs: int, seeds: list[int]) -> Any:
+def make_pool(task: str, seeds: Sequence[int]) -> Any:
+    """envpool's own object, one copy for each of the seeds, which are int32.
+
+    Raises MissingExtra where envpool is not installed.
+    """
     require_installed()
     import envpool
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    threads = min(num_envs, cores)
-    return envpool.make(task, env_type="gymnasium", num_envs=num_envs, num_threads=threads, seed=seeds)
+    return envpool.make(
+        task, env_type="gymnasium", num_envs=len(seeds), num_threads=min(len(seeds), cores), seed=list(seeds)
+    )

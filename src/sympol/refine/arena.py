@@ -33,7 +33,8 @@ class Arena(abc.ABC):
     """Plays trees on numbered episodes of one environment, deterministically, and counts what that costs."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
-        self.spec, self.seed, self.purpose = spec, seed, purpose
+        self.spec, self.seed = spec, seed
+        self.purpose: Purpose = purpose
         self.steps = 0
         """Environment steps so far, those of `observe` among them."""
 

@@ -22,10 +22,12 @@ from ..algos.state import tree_where
 from ..algos.trainer import COMPILER_OPTIONS
 from ..envs.env import MAX_EPISODE_STEPS, Env
 from ..envs.spec import EnvSpec
+from ..play import WORDS
 from ..policies.distributions import distribution_of
 from ..trees import DecisionTree
 from ..types import Step
 from .arena import Arena, Played, Purpose
+from .packed import Packed
 
 LANES = 512
 """Episodes that run side by side."""
@@ -39,40 +41,6 @@ WATCHED = 16
 """Episodes that are observed at once."""
 SMALLEST = 15
 """Nodes that even the smallest tree is padded to."""
-_WORDS: dict[Purpose, int] = {"refine": 0x5EF1, "validation": 0x7A11D}
-
-
-class Packed(NamedTuple):
-    """Trees side by side, padded to the same number of nodes; a leaf is its own child, so walking on changes nothing."""
-
-    feature: Int[ndarray, "trees nodes"]
-    threshold: Float32[ndarray, "trees nodes"]
-    left: Int[ndarray, "trees nodes"]
-    right: Int[ndarray, "trees nodes"]
-    value: Float32[ndarray, "trees nodes outputs"]
-    depth: Int[ndarray, ""]
-    """Of the deepest."""
-
-    @staticmethod
-    def of(trees: Sequence[DecisionTree], num_trees: int, num_nodes: int) -> Packed:
-        """Pack them; the rows beyond them are of no meaning."""
-        rows, outputs = (num_trees, num_nodes), trees[0].actions.n_outputs
-        packed = Packed(
-            feature=np.zeros(rows, np.int32),
-            threshold=np.zeros(rows, np.float32),
-            left=np.zeros(rows, np.int32),
-            right=np.zeros(rows, np.int32),
-            value=np.zeros((*rows, outputs), np.float32),
-            depth=np.array(max(tree.depth for tree in trees), np.int32),
-        )
-        for i, tree in enumerate(trees):
-            own, leaf = np.arange(tree.n_nodes), tree.is_leaf
-            packed.feature[i, own] = np.where(leaf, 0, tree.feature)
-            packed.threshold[i, own] = tree.threshold
-            packed.left[i, own] = np.where(leaf, own, tree.children_left)
-            packed.right[i, own] = np.where(leaf, own, tree.children_right)
-            packed.value[i, own] = tree.value
-        return packed
 
 
 class Lanes(NamedTuple):
@@ -94,7 +62,7 @@ class CompiledArena(Arena):
         super().__init__(spec, seed, purpose)
         assert spec.env is not None
         self._env: Env = spec.env
-        self._key = np.array([_WORDS[purpose], seed], np.uint32)
+        self._key = np.array([WORDS[purpose], seed], np.uint32)
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
         num_nodes, at_once = _padded(trees), min(len(episodes), MAX_JOBS)
