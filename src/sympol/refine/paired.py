@@ -1,0 +1,130 @@
+"""Does one tree earn as much as another? Asked of as few episodes as it takes.
+
+Both play the same numbered episodes, so what counts is the difference in each. After 32 episodes, 64, 128, … we look:
+are the differences, in the mean, above ``-margin``, or below? Each look is a pair of one-sided t-tests. Looking often
+finds something by chance more often, and so does trying many candidates; so the error that is allowed, ``alpha``, is
+divided by the number of looks and of candidates (Bonferroni's inequality, see Dunn, "Multiple comparisons among means",
+1961). It holds however looks and candidates hang together, and it is cautious: they have much in common. (Designs for
+looking often, as Pocock's of 1977, are sharper, for normal differences.)
+
+With differences that are far from normal the t-test is only nearly right. The worst case is the usual one: a change
+that matters in one episode of a hundred, and in none of the first. Episodes in which nothing differs therefore prove
+nothing: as long as there are no others, the next look is awaited, up to the last.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from statistics import NormalDist
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from ..trees import DecisionTree
+from .scores import Scores
+
+FIRST, LAST = 32, 1024
+"""Episodes of the first look, and of the last."""
+ALPHA = 0.05
+"""The chance of a wrong answer that is allowed, of "worse" and of "not worse" each."""
+
+Answer: TypeAlias = Literal["worse", "not worse", "equal", "undecided"]
+Differences: TypeAlias = Callable[[int], Shaped[np.ndarray, " episodes"]]
+"""The differences in the first so many episodes."""
+
+
+class Comparison(NamedTuple):
+    """What came of it."""
+
+    answer: Answer
+    """``"worse"``: by more than the margin. ``"equal"``: not one difference in all the episodes there were to be."""
+    difference: float
+    """In the mean: above 0 is better."""
+    episodes: int
+    """That it took."""
+    margin: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it earns as much, within the margin; where that is undecided, as far as the mean says."""
+        return self.answer != "worse" and (self.answer != "undecided" or self.difference >= -self.margin)
+
+
+def compare(
+    differences: Differences,
+    *,
+    margin: float = 0.0,
+    alpha: float = ALPHA,
+    candidates: int = 1,
+    first: int = FIRST,
+    last: int = LAST,
+) -> Comparison:
+    """Look at the first 32 differences, 64, … until it is clear whether their mean is above ``-margin``.
+
+    Raises:
+        ValueError: a margin below 0, an ``alpha`` that is no chance, fewer than 2 episodes or candidates below 1.
+    """
+    _check(margin, alpha, candidates, first, last)
+    numbers = looks(first, last)
+    bound = upper_quantile(alpha / (len(numbers) * candidates), np.array(numbers) - 1)
+    answer, mean = "equal", 0.0
+    for number, factor in zip(numbers, bound.tolist(), strict=True):
+        d = np.asarray(differences(number), np.float64)
+        if not d.any():  # nothing differs yet
+            continue
+        mean, error = float(d.mean()), float(d.std(ddof=1)) / math.sqrt(number)
+        if mean - factor * error > -margin:
+            return Comparison("not worse", mean, number, margin)
+        if mean + factor * error < -margin:
+            return Comparison("worse", mean, number, margin)
+        answer = "undecided"
+    return Comparison(answer, mean, last, margin)
+
+
+def compare_trees(scores: Scores, tree: DecisionTree, other: DecisionTree, **how: float) -> Comparison:
+    """Does ``other`` earn as much as ``tree``? ``how`` is as of `compare`, which says what is raised."""
+
+    def differences(number: int) -> Float[np.ndarray, " episodes"]:
+        ours, theirs = (scores.of(each, number).astype(np.float64) for each in (tree, other))
+        return theirs - ours
+
+    return compare(differences, **how)  # pyright: ignore[reportArgumentType]
+
+
+def looks(first: int, last: int) -> list[int]:
+    """Episodes after which to look: ``first``, twice as many, …, ``last``."""
+    numbers = [min(first, last)]
+    while numbers[-1] < last:
+        numbers.append(min(2 * numbers[-1], last))
+    return numbers
+
+
+def upper_quantile(chance: float, freedom: Shaped[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """What Student's t exceeds with this chance, for degrees of freedom.
+
+    The expansion in powers of 1 / freedom (Abramowitz and Stegun, 26.7.5).
+    """
+    z = -NormalDist().inv_cdf(chance)
+    terms = (
+        (z**3 + z) / 4,
+        (5 * z**5 + 16 * z**3 + 3 * z) / 96,
+        (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384,
+        (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / 92160,
+    )
+    powers = np.asarray(freedom, float)[:, None] ** -(1.0 + np.arange(len(terms)))
+    return z + powers @ np.array(terms)
+
+
+def _check(margin: float, alpha: float, candidates: int, first: int, last: int) -> None:
+    if not 0 <= margin < math.inf:
+        raise ValueError(f"margin must be a return, 0 or more, got {margin}")
+    if not 0 < alpha < 0.5:
+        raise ValueError(f"alpha must be a chance above 0 and below a half, got {alpha}")
+    if candidates < 1:
+        raise ValueError(f"candidates must be at least 1, got {candidates}")
+    if not 2 <= first <= last:
+        raise ValueError(
+            f"a comparison needs 2 episodes at least, and no more at first than at last, got {first} and {last}"
+        )

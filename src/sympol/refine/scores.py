@@ -1,0 +1,38 @@
+"""What trees earn in the first so many of a row of episodes; what was played once is not played again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float32
+
+from ..trees import DecisionTree
+from .arena import Arena
+
+
+class Scores:
+    """Returns by tree, of the episodes from ``first_episode`` on."""
+
+    def __init__(self, arena: Arena, first_episode: int = 0) -> None:
+        self.arena, self.first_episode = arena, first_episode
+        self._known: dict[DecisionTree, Float32[np.ndarray, " episodes"]] = {}
+
+    def of(self, tree: DecisionTree, number: int) -> Float32[np.ndarray, " episodes"]:
+        """Of one tree, in the first ``number`` episodes."""
+        return self.of_all([tree], number)[0]
+
+    def of_all(self, trees: Sequence[DecisionTree], number: int) -> Float32[np.ndarray, "trees episodes"]:
+        """Of many trees, in the first ``number`` episodes; they play together those that they have not played."""
+        by_played: dict[int, dict[DecisionTree, None]] = {}
+        for tree in trees:
+            played = len(self._known.get(tree, ()))
+            if played < number:
+                by_played.setdefault(played, {})[tree] = None
+        for played, some in by_played.items():
+            more = range(self.first_episode + played, self.first_episode + number)
+            returns = self.arena.play(list(some), more).returns
+            for tree, new in zip(some, returns, strict=True):
+                known = self._known[tree] if played else new[:0]
+                self._known[tree] = np.concatenate([known, new])
+        return np.stack([self._known[tree][:number] for tree in trees])
