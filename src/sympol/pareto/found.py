@@ -1,0 +1,54 @@
+"""What a road has found, as a file: trees, how they were made, what that cost."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from ..runs.checkpoint import write_atomically
+from ..trees import DecisionTree
+from .front import Spent
+
+FILE = "found.json"
+
+
+@dataclass(frozen=True)
+class Found:
+    """A tree, and the road to it."""
+
+    tree: DecisionTree
+    road: str
+    spent: Spent
+
+
+def keep(folder: Path, found: Iterable[Found], *, finished: bool) -> None:
+    """Write what a road has found so far."""
+    rows = [
+        {"road": one.road, "spent": asdict(one.spent), "tree": json.loads(one.tree.to_json())}
+        for one in found
+    ]
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"finished": finished, "found": rows})
+    write_atomically(folder / FILE, text.encode())
+
+
+def kept(folder: Path) -> tuple[list[Found], bool]:
+    """What it has found, and whether it is at its end; nothing where there is no such file.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    file = folder / FILE
+    if not file.exists():
+        return [], False
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        rows = [
+            Found(DecisionTree.from_json(json.dumps(row["tree"])), str(row["road"]), Spent(**row["spent"]))
+            for row in content["found"]
+        ]
+        return rows, bool(content["finished"])
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise ValueError(f"{file} cannot be read ({error!r}); remove {folder} and search again") from error

@@ -1,0 +1,104 @@
+"""What a search is asked for: read from the command line, kept in its folder."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Self
+
+SHARES = {"scratch": 0.2, "teacher": 0.3, "evolve": 0.4}
+"""Parts of the budget of each road; what is left, and that of roads that are not taken, is for the others and for
+choosing."""
+CHOOSING = 0.1
+MINUTES = {"CartPole-v1": 2.0, "MountainCarContinuous-v0": 5.0, "LunarLander-v3": 30.0}
+"""Of a budget where none is given; ten minutes for all others."""
+_UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+_STEPS = {"k": 1e3, "M": 1e6, "G": 1e9, "": 1.0}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One search.
+
+    Raises:
+        ValueError: a limit that is even or below one, no road or an unknown one, a budget that is none.
+    """
+
+    env: str
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    max_nodes: int = 63
+    budget: str = ""
+    """As `seconds_of` or `steps_of` reads it; by default so many `MINUTES`."""
+    roads: tuple[str, ...] = tuple(SHARES)
+    teacher: str = ""
+    """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
+    trainings: int = 2
+    """From scratch."""
+    islands: int = 2
+    """Searches by evolution, each with seeds of its own."""
+    eval_episodes: int = 100
+    """Of the test, on Gymnasium."""
+
+    def __post_init__(self) -> None:
+        """Check."""
+        object.__setattr__(self, "roads", tuple(self.roads))
+        object.__setattr__(self, "env_kwargs", dict(self.env_kwargs))
+        if not self.budget:
+            object.__setattr__(self, "budget", f"{MINUTES.get(self.env, 10.0):g}m")
+        if self.max_nodes < 1 or self.max_nodes % 2 == 0:
+            near = f"{self.max_nodes - 1} or {self.max_nodes + 1}" if self.max_nodes > 1 else "1 or 3"
+            raise ValueError(
+                f"max_nodes must be odd and at least 1, got {self.max_nodes}: a tree has one leaf more than it has "
+                f"splits; give {near}"
+            )
+        unknown = [road for road in self.roads if road not in SHARES]
+        if unknown or not self.roads:
+            raise ValueError(
+                f"roads must be some of {', '.join(SHARES)}, got {', '.join(self.roads) or 'none'}"
+            )
+        for name in ("trainings", "islands"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.eval_episodes < 2:
+            raise ValueError(f"eval_episodes must be at least 2, got {self.eval_episodes}")
+        self.seconds, self.steps  # noqa: B018  (they raise)
+
+    @property
+    def seconds(self) -> float:
+        """Of the whole search but its test; infinite where steps are counted."""
+        return _read(self.budget)[0]
+
+    @property
+    def steps(self) -> float:
+        """Of the whole search but its choice and its test; infinite where seconds are counted."""
+        return _read(self.budget)[1]
+
+    def share(self, road: str) -> float:
+        """The part of the budget that a road has."""
+        return (1 - CHOOSING) * SHARES[road] / sum(SHARES[taken] for taken in self.roads)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return {**asdict(self), "roads": list(self.roads)}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """What `to_dict` gave; raises ValueError for what is not that."""
+        known = {part.name for part in fields(cls)}
+        if not values.keys() <= known:
+            raise ValueError(f"unknown fields {', '.join(sorted(values.keys() - known))}")
+        return cls(**values)
+
+
+def _read(budget: str) -> tuple[float, float]:
+    """Seconds and steps; one of them is infinite."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:(s|m|h)|([kMG]?)\s*steps)", budget.strip())
+    if found is None or float(found[1]) == 0:
+        raise ValueError(
+            f"budget must be a time, such as 90s, 5m or 1h, or environment steps, such as '50M steps', got {budget!r}"
+        )
+    number = float(found[1])
+    return (number * _UNITS[found[2]], math.inf) if found[2] else (math.inf, number * _STEPS[found[3]])

@@ -1,0 +1,236 @@
+"""Roads to small trees. Each is a task of its own, for any process to do, and leaves what it found in its folder.
+
+| road | what |
+|---|---|
+| scratch | our trees trained by PPO, nothing else; each then pruned by return, node by node |
+| teacher | an MLP trained by PPO, distilled at several depths; the best trained on by PPO; pruned by return |
+| evolve | whatever the other roads found, and random trees, changed at random (`sympol.refine.evolve`) |
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..agents import PPO, Agent, Callback, Report
+from ..algos.start import Start
+from ..compilation import use_disk_cache
+from ..distill import load_sb3
+from ..envs.registry import resolve
+from ..envs.spec import EnvSpec
+from ..experiments.workers import Task
+from ..play import play
+from ..refine.arena import make_arena
+from ..refine.evolve import Budget, Heat, evolve
+from ..refine.shrink import chain
+from ..runs.folder import Run
+from ..teachers import as_teacher, default_method, distill_policy
+from ..training import finish, go_on, has_run, keep_in
+from ..trees import DecisionTree
+from .found import Found, keep, kept
+from .front import Spent
+from .plan import Plan
+
+HEAT = {"jax": 256, "envpool": 32, "host": 16}
+"""Episodes in which evolution compares, by what steps them."""
+LARGEST = 127
+"""Nodes of the trees that evolution starts from, at most, however small those are that are asked for."""
+CRITIC_WARMUP = 0.1
+
+
+def tasks(plan: Plan, folder: Path, road: str, share: Budget) -> list[Task]:
+    """What a road is made of. ``share`` is its part of the budget."""
+    number = {"scratch": plan.trainings, "teacher": 1, "evolve": plan.islands}[road]
+    return [
+        Task(
+            f"{road} {i + 1} of {number}" if number > 1 else road,
+            f"{__name__}:walk",
+            {
+                "plan": plan.to_dict(),
+                "folder": str(folder),
+                "road": road,
+                "index": i,
+                "seconds": min(share.seconds, 1e9),
+                "steps": min(share.steps / number, 1e15),
+            },
+        )
+        for i in range(number)
+    ]
+
+
+def place(folder: Path, road: str, index: int) -> Path:
+    """Where a task leaves what it found."""
+    return folder / road / str(index)
+
+
+def walk(plan: dict[str, Any], folder: str, road: str, index: int, seconds: float, steps: float) -> str:
+    """Do one task of `tasks`; what it has found is in its `place` then."""
+    use_disk_cache()
+    asked = Plan.from_dict(plan)
+    spec = resolve(asked.env, env_kwargs=asked.env_kwargs)
+    site = Site(asked, spec, Path(folder), index, place(Path(folder), road, index), Budget(steps, seconds))
+    if not kept(site.folder)[1]:
+        {"scratch": _scratch, "teacher": _teacher, "evolve": _evolve}[road](site)
+    return str(site.folder)
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a road is built, and with what."""
+
+    plan: Plan
+    spec: EnvSpec
+    root: Path
+    """The search's folder."""
+    index: int
+    folder: Path
+    """This task's."""
+    share: Budget
+
+    @property
+    def seed(self) -> int:
+        """Of everything random in this task."""
+        words = [self.plan.seed, self.index, *self.folder.parent.name.encode()]
+        return int(np.random.SeedSequence(words).generate_state(1)[0])
+
+
+def _scratch(site: Site) -> None:
+    began = time.perf_counter()
+    agent, spent = _trained(site, "tree", site.folder / "run", site.share)
+    found = _chain(site, agent.tree(), "scratch", spent, began)
+    keep(site.folder, found, finished=True)
+
+
+def _teacher(site: Site) -> None:
+    began = time.perf_counter()
+    if site.plan.teacher:
+        teacher, cost = _given(site), Spent()
+    else:
+        teacher, cost = _trained(site, "mlp", site.folder / "teacher", _part(site.share, 0.5))
+        cost = Spent(teacher_steps=cost.env_steps, seconds=cost.seconds)
+    asked = as_teacher(teacher)
+    _warn_of_poor_teacher(asked)
+    found: list[Found] = []
+    best: tuple[float, DecisionTree] | None = None
+    arena = make_arena(site.spec, site.seed)
+    for depth in _depths(site):
+        full = distill_policy(teacher, default_method(teacher, asked), depth, seed=site.seed)
+        score = float(arena.play([full], range(128)).returns.mean())
+        if best is None or score > best[0]:
+            best = score, full
+        found += _chain(site, full, "teacher", replace(cost, seconds=time.perf_counter() - began), began)
+        keep(site.folder, found, finished=False)
+        if time.perf_counter() - began > 0.65 * site.share.seconds:
+            break
+    assert best is not None
+    left = Budget(0.4 * site.share.steps, max(5.0, 0.9 * (site.share.seconds + began - time.perf_counter())))
+    start = Start(best[1], critic_warmup=CRITIC_WARMUP, origin="the tree distilled from the teacher")
+    tuned, more = _trained(site, "tree", site.folder / "tuned", left, start)
+    found += _chain(site, tuned.tree(), "teacher + ppo", cost + more, began)
+    keep(site.folder, found, finished=True)
+
+
+def _evolve(site: Site) -> None:
+    before, _ = kept(site.folder)
+    done = before[-1].spent if before else Spent()
+    roads = [road for road in site.plan.roads if road != "evolve"]
+    others = [one for road in roads for folder in sorted((site.root / road).glob("*")) for one in kept(folder)[0]]
+    name = " + ".join([*roads, "evolve"]) if others else "evolve"
+    cost = max((one.spent for one in others), key=lambda spent: spent.seconds, default=Spent())
+    starts = [one.tree for one in (*others, *before) if one.tree.n_nodes <= LARGEST]
+    arena = make_arena(site.spec, site.seed)
+
+    def found(heat: Heat) -> list[Found]:
+        here = Spent(done.env_steps + heat.steps, cost.teacher_steps, 0, done.seconds + heat.seconds)
+        return [Found(tree, name, here) for tree in heat.trees]
+
+    left = Budget(site.share.steps - done.env_steps, site.share.seconds - done.seconds)
+    last = evolve(
+        arena,
+        starts or [_indifferent(site.spec)],
+        max_nodes=site.plan.max_nodes,
+        budget=left,
+        episodes=HEAT[site.spec.backend],
+        seed=site.seed,
+        progress=lambda heat: keep(site.folder, found(heat), finished=False),
+    )
+    keep(site.folder, found(last), finished=True)
+
+
+def _trained(
+    site: Site, policy: str, folder: Path, share: Budget, start: Start | None = None
+) -> tuple[Agent, Spent]:
+    """Train in a run's folder, or go on there, until the end or until the share is spent."""
+    began = time.perf_counter()
+    if has_run(folder):
+        run = Run.open(folder)
+        agent = go_on(run)
+    else:
+        agent = PPO(policy, site.spec, seed=site.seed, start=start)
+        steps = int(min(agent.config.total_timesteps, share.steps))
+        agent = PPO(policy, site.spec, seed=site.seed, start=start, total_timesteps=steps)
+        run = Run.create(folder, site.spec, agent.config, agent.seed, overwrite=True, start=agent.start)
+
+    def in_time(report: Report) -> bool:
+        return time.perf_counter() - began < share.seconds
+
+    callbacks: list[Callback] = [keep_in(run), in_time]
+    if agent.num_timesteps < agent.config.total_timesteps:
+        agent.learn(callback=callbacks, progress_bar=False)
+    run.save_summary(finish(agent, run, None, None, 0))
+    return agent, Spent(env_steps=agent.num_timesteps, seconds=time.perf_counter() - began)
+
+
+def _chain(site: Site, tree: DecisionTree, road: str, spent: Spent, began: float) -> list[Found]:
+    """The tree, and smaller and smaller parts of it."""
+    arena = make_arena(site.spec, site.seed)
+    smaller = chain(tree, arena, observations=site.spec.all_observations())
+    cost = replace(spent, env_steps=spent.env_steps + arena.steps, seconds=time.perf_counter() - began)
+    return [Found(one.tree, f"{road} + shrink" if i else road, cost) for i, one in enumerate(smaller)]
+
+
+def _depths(site: Site) -> Sequence[int]:
+    """Of distilled trees: complete ones of about the size asked for, and some that are pruned to it."""
+    deepest = max(2, int(np.ceil(np.log2(site.plan.max_nodes + 1))))
+    return [depth for depth in (deepest, deepest + 1, deepest - 1) if depth >= 1]
+
+
+def _given(site: Site) -> Any:
+    path = Path(site.plan.teacher)
+    if path.is_dir():
+        from ..agents import load
+
+        return load(path)
+    return load_sb3(path, resolve(site.plan.env, env_kwargs=site.plan.env_kwargs, backend="host"), trust=False)
+
+
+def _warn_of_poor_teacher(teacher: Any) -> None:
+    """Say so where a teacher earns less than chance does."""
+    import warnings
+
+    rng, space = np.random.default_rng(0), teacher.spec.action_space
+    space.seed(0)
+    its = play(teacher, teacher.spec, 10, seed=0, purpose="distill").returns.mean()
+    chance = play(lambda x: np.stack([space.sample() for _ in x]), teacher.spec, 10, seed=0, purpose="distill")
+    if its < chance.returns.mean():
+        warnings.warn(
+            f"the teacher earns {its:.1f}, less than a random policy does, {chance.returns.mean():.1f}; its trees "
+            "will be poor",
+            stacklevel=2,
+        )
+    del rng
+
+
+def _indifferent(spec: EnvSpec) -> DecisionTree:
+    """One leaf, for evolution to begin with."""
+    none = np.zeros(0, int), np.zeros(0), np.zeros((1, spec.actions.n_outputs))
+    return DecisionTree.from_complete(*none, actions=spec.actions, **spec.features.reading())
+
+
+def _part(share: Budget, part: float) -> Budget:
+    return Budget(share.steps * part, share.seconds * part)
