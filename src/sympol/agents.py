@@ -28,6 +28,8 @@ from .play import draw, fitted_actions
 from .policies.actor import Actor
 from .policies.extract import extract_tree
 from .policies.tree import Tree
+from .refine.limit import has_limit, is_due, moment, shaped, within
+from .refine.shape import open_tree
 from .runs.folder import Run
 from .runs.progress import ProgressBar
 from .trees import DecisionTree, Group
@@ -176,6 +178,8 @@ class Agent(abc.ABC):
                 continue
             state = trainer.advance(self.state, stop)
             require_finite(state, self.num_timesteps)  # waits for the device, too
+            if is_due(self.config, self.num_timesteps, int(state.timestep)):
+                state = self._within_limit(trainer, state)
             self.state = state
             elapsed = time.perf_counter() - began
             self._warned = self._warned or warn_of_bounds(self.spec.name, self.spec.features.names, state)
@@ -184,6 +188,12 @@ class Agent(abc.ABC):
             report = Report(self, self.num_timesteps, self.config.total_timesteps, metrics)
             if any([c(report) is False for c in callbacks]):
                 return
+
+    def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:
+        """The state in the shape of a tree that is small enough, validated."""
+        small = shaped(state, self._extract(state), self.spec, self.config, self.seed)
+        validated = trainer.advance(small, int(small.timestep))
+        return validated._replace(episodes=state.episodes)  # still to be reported
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -216,23 +226,28 @@ class Agent(abc.ABC):
     @property
     def actor(self) -> Actor:
         """The actor that is the policy: of those validated, the best (``select_best``), or the last."""
-        state = self._trained()
-        return state.validation.best_actor if self.config.select_best else state.networks.actor
+        return self._actor(self._trained())
 
     @property
     def actions(self) -> ActionSpec:
         """What the outputs mean, the standard deviation of continuous actions included."""
-        actions = self.spec.actions
         if self.state is None and self.start is not None:
             return self.start.tree.actions
+        return self._actions(self.actor) if isinstance(self.spec.actions, BoxActions) else self.spec.actions
+
+    def _actions(self, actor: Actor) -> ActionSpec:
+        actions = self.spec.actions
         if not isinstance(actions, BoxActions):
             return actions
-        return replace(actions, std=tuple(np.exp(np.asarray(self.actor.log_std)).tolist()))
+        return replace(actions, std=tuple(np.exp(np.asarray(actor.log_std)).tolist()))
 
     @property
     def has_tree(self) -> bool:
         """Whether the policy is a tree, so that `tree` can give it."""
         return self.config.policy == "tree"
+
+    def _actor(self, state: TrainState) -> Actor:
+        return state.validation.best_actor if self.config.select_best else state.networks.actor
 
     def _trained(self) -> TrainState:
         if self.state is None:
@@ -246,6 +261,9 @@ class Agent(abc.ABC):
         are listed (MiniGrid's small tasks), for any of those. ``prune=False`` is the complete tree of depth
         ``config.depth``, with the leaf distributions as trained. Before `learn` it is the tree to start from.
 
+        With ``max_nodes`` or ``node_price`` it is never larger than they allow, ``prune=False`` included: in the first
+        half of the training it is pruned by what it earns when it is asked for, which takes a while.
+
         Raises:
             RuntimeError: before `learn` if there is nothing to start from, or of a policy that is no tree.
         """
@@ -257,7 +275,7 @@ class Agent(abc.ABC):
             )
         now = self.num_timesteps
         if (now, False) not in self._trees:
-            self._trees = {(now, False): self._extract()}
+            self._trees = {(now, False): self._limited()}
         if (now, prune) not in self._trees:
             listed = self.spec.all_observations()
             self._trees[now, True] = self._trees[now, False].prune(observations=listed)
@@ -285,17 +303,28 @@ class Agent(abc.ABC):
 
     def reading(self) -> dict[str, Any]:
         """What readers are told of a tree made of this policy: actions, names and bounds of the features, groups."""
-        features = self.spec.features
-        low, high = kept_bounds(features, self._trained())
-        return {"actions": self.actions, **features.reading(), "feature_low": low, "feature_high": high}
+        return self._reading(self._trained())
 
-    def _extract(self) -> DecisionTree:
-        if self.state is None and self.start is not None:
-            return self.start.tree
-        normalizer, actor = self._trained().normalizer, self.actor
+    def _reading(self, state: TrainState) -> dict[str, Any]:
+        features = self.spec.features
+        low, high = kept_bounds(features, state)
+        actions = self._actions(self._actor(state))
+        return {"actions": actions, **features.reading(), "feature_low": low, "feature_high": high}
+
+    def _extract(self, state: TrainState) -> DecisionTree:
+        actor = self._actor(state)
         assert isinstance(actor, Tree)
-        shift, scale = (np.asarray(part) for part in normalizer)
-        return extract_tree(actor, shift, scale, **self.reading())
+        shift, scale = (np.asarray(part) for part in state.normalizer)
+        extract = open_tree if has_limit(self.config) else extract_tree
+        return extract(actor, shift, scale, **self._reading(state))
+
+    def _limited(self) -> DecisionTree:
+        """The tree to start from, or as it is trained; within the limit, if there is one."""
+        begun = self.state is None and self.start is not None
+        tree = self.start.tree if begun else self._extract(self._trained())  # pyright: ignore[reportOptionalMemberAccess]
+        if not has_limit(self.config) or self.num_timesteps >= moment(self.config):
+            return tree
+        return within(tree, self.spec, self.config, self.seed)
 
 
 @final

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .agents import Agent, Callback, Report, load
+from .algos.rules import LIMITS
 from .play import Episodes
 from .runs.about import versions
 from .runs.folder import Run
@@ -68,11 +69,13 @@ def finish(
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
 
 
-def _size(agent: Agent) -> dict[str, int]:
+def _size(agent: Agent) -> dict[str, float]:
     if not agent.has_tree:
         return {}
-    tree = agent.tree()
+    tree, config = agent.tree(), agent.config
+    limits = {name: value for name in LIMITS if (value := getattr(config, name))}
     return {
+        **limits,
         "nodes": tree.n_nodes,
         "nodes_unpruned": agent.tree(prune=False).n_nodes,
         "leaves": tree.n_leaves,

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 
 from ..functional.schedules import NUM_STAGES, num_minibatches
-from .rules import ConfigError, applies, check_fields
+from .rules import LIMITS, ConfigError, applies, check_fields
 
 
 class Hyperparameters(NamedTuple):
@@ -60,6 +60,13 @@ class Config:
 
     depth: int = 5
     """Depth of the tree or soft tree, 1 to 14: 2^depth leaves before pruning."""
+
+    max_nodes: int = 0
+    """The most nodes that the tree may have, leaves among them: an odd number; 0 for no limit. Half of the training is
+    free; then the best tree is pruned by what it earns, and trained on in that shape."""
+
+    node_price: float = 0.0
+    """The return that a node must be worth, or it is pruned at half of the training; 0 for no price."""
 
     actor_hidden: tuple[int, ...] = (64, 64)
     """Width of each hidden layer of the MLP that acts."""
@@ -225,7 +232,8 @@ class Config:
 
     def static(self) -> Config:
         """The config with its traced fields at their defaults: the key of a compiled program."""
-        defaults = {name: getattr(type(self), name) for name in Hyperparameters._fields}
+        others = (*Hyperparameters._fields, *LIMITS)  # what no program depends on
+        defaults = {name: getattr(type(self), name) for name in others}
         return dataclasses.replace(self, **defaults)
 
     @classmethod

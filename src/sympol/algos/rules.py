@@ -19,6 +19,8 @@ MAX_TIMESTEPS = 2**29
 RANGES: tuple[tuple[str, float, float], ...] = (
     ("total_timesteps", 1, MAX_TIMESTEPS),
     ("depth", 1, 14),
+    ("max_nodes", 0, 2**15 - 1),
+    ("node_price", 0, 1e9),
     ("num_envs", 1, 65536),
     ("num_devices", 1, 65536),
     ("num_steps", 1, 2**20),
@@ -55,7 +57,11 @@ CHOICES = {
     "critic": ("mlp", "tree", "sdt"),
 }
 
+LIMITS = ("max_nodes", "node_price")
+"""Fields of how small a tree is to be (`sympol.refine.limit`)."""
+
 OWNERS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(LIMITS, ("tree",)),
     **dict.fromkeys(("depth", "temperature"), ("tree", "sdt")),
     **dict.fromkeys(
         (
@@ -96,6 +102,11 @@ def check_fields(config: Config) -> None:
     for name in ("actor_hidden", "critic_hidden"):
         if any(width < 1 for width in getattr(config, name)):
             raise ConfigError(f"{name} must hold positive widths, got {getattr(config, name)}")
+    if config.max_nodes and config.max_nodes % 2 == 0:
+        raise ConfigError(
+            f"max_nodes must be odd, as a tree has one leaf more than it has splits, got {config.max_nodes}: choose "
+            f"{config.max_nodes - 1} or {config.max_nodes + 1}; 0 is no limit"
+        )
     if config.num_envs % config.num_devices:
         raise ConfigError(
             f"num_devices must divide num_envs, {config.num_envs}, so that each device steps as many, got "

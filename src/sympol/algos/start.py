@@ -77,6 +77,11 @@ class Start:
             raise ConfigError(
                 f"only a tree can start from a tree; policy is {config.policy!r}, leave start out"
             )
+        if self.freeze and (config.max_nodes or config.node_price):
+            raise ConfigError(
+                f"nodes {', '.join(map(str, self.freeze))} are frozen, and max_nodes or node_price would prune "
+                "some: leave one of the two out"
+            )
         if self.tree.depth > config.depth:
             raise ConfigError(
                 f"the tree to start from has depth {self.tree.depth}, which does not fit into depth {config.depth}: "

@@ -13,6 +13,7 @@ from importlib import import_module
 
 from .. import STARTED
 from ..agents import Agent, Report
+from ..algos.config import Config
 from ..envs import pool
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
@@ -82,10 +83,16 @@ def _what(agent: Agent) -> str:
     begun = "" if agent.start is None else f" from {agent.start.origin}"
     hidden = " × ".join(str(width) for width in config.actor_hidden)
     return {
-        "tree": f"a tree of depth {config.depth}{begun}",
+        "tree": f"a tree of depth {config.depth}{_limit(config)}{begun}",
         "sdt": f"a soft tree of depth {config.depth}",
         "mlp": f"an MLP ({hidden})",
     }[config.policy]
+
+
+def _limit(config: Config) -> str:
+    """How small it is to be."""
+    most = f", at most {config.max_nodes:,} nodes" if config.max_nodes else ""
+    return most + (f", a return of {config.node_price:g} a node" if config.node_price else "")
 
 
 def _through(spec: EnvSpec) -> str:

@@ -83,7 +83,7 @@ def summary_words(summary: dict[str, Any]) -> str:
     if "nodes" in summary:
         lines.append(
             f"size     [bold]{summary['nodes']:,}[/] nodes, {summary['leaves']:,} leaves, depth {summary['depth']:,} "
-            f"(before pruning {summary['nodes_unpruned']:,} nodes)"
+            f"(before pruning {summary['nodes_unpruned']:,} nodes{_limit_words(summary)})"
         )
     if "training_seconds" in summary:
         lines.append(
@@ -93,6 +93,11 @@ def summary_words(summary: dict[str, Any]) -> str:
     if "distill_seconds" in summary:
         lines.append(f"time     {summary['distill_seconds']:.1f} s")
     return "\n".join(lines)
+
+
+def _limit_words(summary: dict[str, Any]) -> str:
+    most = f"; {summary['max_nodes']:,} were allowed" if "max_nodes" in summary else ""
+    return most + (f"; a node had to be worth {summary['node_price']:g}" if "node_price" in summary else "")
 
 
 def _likeness_words(summary: dict[str, Any]) -> str:

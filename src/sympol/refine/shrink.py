@@ -58,7 +58,7 @@ class Effort(NamedTuple):
 
 COMPILED = Effort(candidates=64, first=32, last=512, watched=64)
 """Where an arena plays millions of steps a second."""
-HOSTED = Effort(candidates=24, first=16, last=128, watched=32)
+HOSTED = Effort(candidates=16, first=8, last=64, watched=32)
 """Where the host steps the environment."""
 
 Progress: TypeAlias = Callable[[Shrunk], object]
@@ -80,9 +80,9 @@ def shrink(
     Args:
         tree: of any size; it loses nodes, and leaves where nodes went may get another answer.
         arena: where it plays.
-        max_nodes: go on, even at a loss, until there are no more.
+        max_nodes: go on, even at a loss, until there are no more; and stop there, if nodes have no price.
         node_price: the return that a node must be worth: go on as long as less is lost for each node removed.
-            At 0 nothing may be lost.
+            At 0, and with no ``max_nodes``, go on as long as nothing is lost.
         observations: all there can be, where they are listed: then the tree acts on no others.
         first_episode: episodes from this number on are played, twice ``effort.last`` of them.
         effort: how much is played; by default by the kind of arena.
@@ -98,8 +98,11 @@ def shrink(
     while True:
         if progress is not None:
             progress(now)
-        forced = max_nodes is not None and now.tree.n_nodes > max_nodes
-        found = way.forced_step(now) if forced else way.free_step(now, node_price)
+        if max_nodes is not None and now.tree.n_nodes > max_nodes:
+            now = way.forced_step(now)
+            continue
+        may_go_on = max_nodes is None or node_price > 0
+        found = way.free_step(now, node_price) if may_go_on else None
         if found is None:
             return now
         now = found
@@ -213,15 +216,16 @@ class _Way:
     def _ranked(
         self, tree: DecisionTree, some: Sequence[Cut], keep: int, node_price: float = 0.0
     ) -> list[tuple[float, Cut]]:
-        """The cuts that cost least, with their losses, after the last of many rounds that halve their number."""
+        """The cuts that cost least, with their losses, after rounds that halve their number until ``keep`` are left."""
         field = [(0.0, cut) for cut in some[: self.effort.candidates]]
         for number in looks(self.effort.first, self.effort.last):
             trees = [tree, *(cut_at(tree, [cut]) for _, cut in field)]
             means = self.race.of_all(trees, number).mean(axis=1, dtype=np.float64)
             field = [(float(means[0] - mean), cut) for mean, (_, cut) in zip(means[1:], field, strict=True)]
             field.sort(key=lambda each: (each[0] - node_price * each[1].removed, -each[1].removed))
-            if number < self.effort.last:
-                field = field[: max(keep, len(field) // 2)]
+            if len(field) <= keep or number == self.effort.last:
+                break
+            field = field[: max(keep, len(field) // 2)]
         return field
 
     def _judged(self, tree: DecisionTree) -> Shrunk:

@@ -28,22 +28,17 @@ def complete_to_preorder(
             "a complete tree has 2^depth - 1 features and thresholds and 2^depth leaves, got shapes "
             f"{feature.shape}, {threshold.shape} and {leaf_values.shape}"
         )
-    order, awaited = [], [0]
-    while awaited:
-        order.append(node := awaited.pop())
-        if node < n_inner:
-            awaited += [2 * node + 2, 2 * node + 1]
-    breadth_first = np.array(order)
+    breadth_first = complete_order(n_inner)
     preorder = np.argsort(breadth_first)
     inner = breadth_first < n_inner
     complete = breadth_first[inner]
 
     def at_inner(numbers: np.ndarray, at_leaves: float) -> np.ndarray:
-        placed = np.full(len(order), at_leaves, dtype=numbers.dtype)
+        placed = np.full(len(breadth_first), at_leaves, dtype=numbers.dtype)
         placed[inner] = numbers
         return placed
 
-    value = np.zeros((len(order), *leaf_values.shape[1:]), dtype=leaf_values.dtype)
+    value = np.zeros((len(breadth_first), *leaf_values.shape[1:]), dtype=leaf_values.dtype)
     value[~inner] = leaf_values[breadth_first[~inner] - n_inner]
     return {
         "children_left": at_inner(preorder[2 * complete + 1], NO_CHILD),
@@ -52,6 +47,16 @@ def complete_to_preorder(
         "threshold": at_inner(threshold[complete].astype(np.float64), NO_THRESHOLD),
         "value": value,
     }
+
+
+def complete_order(n_inner: int) -> Int[np.ndarray, " nodes"]:
+    """The nodes of a complete tree, counted breadth-first, in preorder."""
+    order, awaited = [], [0]
+    while awaited:
+        order.append(node := awaited.pop())
+        if node < n_inner:
+            awaited += [2 * node + 2, 2 * node + 1]
+    return np.array(order)
 
 
 def check(tree: DecisionTree) -> None:

@@ -55,7 +55,7 @@ def prune_on(tree: DecisionTree, observations: ArrayLike, *, merge: bool = True)
             if (answer[found] == wanted[here]).all():
                 in_place[node] = side
                 break
-    return _packed(tree, left, right, int(in_place[0]))
+    return packed(tree, left, right, int(in_place[0]))
 
 
 def _numbered(actions: np.ndarray) -> Int[np.ndarray, " nodes"]:
@@ -64,7 +64,7 @@ def _numbered(actions: np.ndarray) -> Int[np.ndarray, " nodes"]:
     return np.array([numbers.setdefault(action.tobytes(), len(numbers)) for action in actions])
 
 
-def _packed(
+def packed(
     tree: DecisionTree, left: Int[np.ndarray, " nodes"], right: Int[np.ndarray, " nodes"], root: int
 ) -> DecisionTree:
     """The tree below ``root`` along these links, in preorder."""
