@@ -20,6 +20,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Never, TypeAlias
 
+from ..experiments.plain_json import dumps, plain
 from ..trees import DecisionTree
 from .front import Candidate, Front, FrontError, Point, Returns, Spent
 
@@ -60,8 +61,14 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
             shutil.rmtree(old)
     for point in front.points:
         _save_point(place(folder, point), point, spec)
-    texts = [{**point_fields(point), "sha256": _digest(point.tree)} for point in front.points]
-    write_atomically(folder / FILE, dumps(front, texts).encode())
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        **fields_of(front),
+        "points": [{**point_fields(point), "sha256": _digest(point.tree)} for point in front.points],
+        "candidates": list(front.candidates),
+    }
+    write_atomically(folder / FILE, dumps(content).encode())
 
 
 def load(folder: str | PathLike[str]) -> Front:
@@ -72,7 +79,7 @@ def load(folder: str | PathLike[str]) -> Front:
     """
     folder = Path(folder)
     file = folder / FILE
-    content = read_json(file)
+    content = read_json(file, FORMAT, VERSION)
 
     def tree_of(fields: dict[str, Any]) -> DecisionTree:
         digest, policy = (
@@ -140,37 +147,26 @@ def point_fields(point: Point) -> dict[str, Any]:
     }
 
 
-def dumps(front: Front, points: list[dict[str, Any]]) -> str:
-    """The front as JSON, a line for each point and each candidate; raises ValueError for what is not plain."""
-    from ..experiments.plain_json import dumps as lines
-    from ..experiments.plain_json import plain
-
-    return lines(
-        {
-            "format": FORMAT,
-            "version": VERSION,
-            "environment": front.environment,
-            "seed": front.seed,
-            "points": points,
-            "candidates": list(front.candidates),
-            "spent": asdict(front.spent),
-            "budget": plain(front.budget),
-            "versions": plain(front.versions),
-            "commit": front.commit,
-            "date": front.date,
-        }
-    )
+def fields_of(front: Front) -> dict[str, Any]:
+    """What JSON has of a front besides its points and candidates; raises ValueError for what is not plain."""
+    return {
+        "environment": front.environment,
+        "seed": front.seed,
+        "spent": asdict(front.spent),
+        "budget": plain(front.budget),
+        "versions": plain(front.versions),
+        "commit": front.commit,
+        "date": front.date,
+    }
 
 
 def front_from(content: Mapping[str, Any], tree_of: TreeOf) -> Front:
-    """Read what `dumps` wrote, ``tree_of`` the fields of a point that `point_fields` does not know.
+    """Make a front of its fields, those of `fields_of` and ``points`` and ``candidates``.
 
     Raises:
-        FrontError, ValueError, TypeError, KeyError: it is not as it was written.
+        FrontError, ValueError, TypeError, KeyError: they are not as they were written.
     """
     fields = dict(content)
-    if fields.pop("format", None) != FORMAT or fields.pop("version", None) != VERSION:
-        raise FrontError(f'it is no front of version {VERSION}: it lacks "format": "{FORMAT}"')
     for name in ("environment", "commit", "date"):
         if not isinstance(fields[name], str):
             raise FrontError(f"{name} must be text, got {fields[name]!r}")
@@ -193,16 +189,17 @@ def _point(fields: dict[str, Any], tree_of: TreeOf) -> Point:
     return Point(tree=tree, **fields)
 
 
-def read_json(file: Path) -> dict[str, Any]:
-    """Read strict JSON, an object; raises FrontError."""
+def read_json(file: Path, format_: str, version: int) -> dict[str, Any]:
+    """Read strict JSON, an object of a format and version, which are left out; raises FrontError."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse)
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
         raise FrontError(f"there is no {file}; make one: sympol pareto ENV") from error
     except (OSError, ValueError, RecursionError) as error:
         raise FrontError(f"{file} cannot be read (was it cut off?): {error}") from error
-    if not isinstance(content, dict):
-        raise FrontError(f"{file} cannot be read: it holds no object")
+    said = (content.pop("format", None), content.pop("version", None)) if isinstance(content, dict) else None
+    if said != (format_, version):
+        raise FrontError(f'{file} cannot be read: it lacks "format": "{format_}", "version": {version}')
     return content
 
 

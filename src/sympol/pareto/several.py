@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from .front import Front, FrontError, Point
+
+if TYPE_CHECKING:
+    from ..experiments.statistics import Interval
 
 
 class AtMost(NamedTuple):
@@ -18,9 +21,8 @@ class AtMost(NamedTuple):
     """Over runs of their mean test returns; None where a run has no tree so small."""
     std: float | None
     """Over runs (ddof 1); None for a single one."""
-    low: float | None
-    """Of Student's 95 % interval of the mean over runs; None for a single one."""
-    high: float | None
+    spread: Interval | None
+    """The mean with Student's 95 % interval over runs; None for a single one."""
 
 
 def summarise(fronts: Sequence[Front], sizes: Iterable[int]) -> list[AtMost]:
@@ -64,9 +66,5 @@ def _at_most(fronts: Sequence[Front], size: int) -> AtMost:
             )
         means += [point.test.mean] if point is not None and point.test is not None else []
     if len(means) < len(runs):
-        return AtMost(size, runs, None, None, None, None)
-    _, mean, std = moments(means)
-    bounds = mean_interval(means)
-    return AtMost(
-        size, runs, mean, std, None if bounds is None else bounds.low, None if bounds is None else bounds.high
-    )
+        return AtMost(size, runs, None, None, None)
+    return AtMost(size, runs, *moments(means)[1:], mean_interval(means))

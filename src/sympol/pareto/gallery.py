@@ -1,0 +1,228 @@
+"""Fronts that are kept, ``results/fronts/<task>.json``, and the page made of them, ``docs/fronts.md``.
+
+``python -m sympol.pareto.gallery [FOLDER ...]`` keeps what `Front.save` wrote in those folders, and writes the page
+anew. A file holds several whole runs of one task, their trees with them; nothing on the page is typed by hand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..experiments.plain_json import dumps
+from ..trees import DecisionTree
+from .files import fields_of, front_from, point_fields, read_json
+from .front import Front, FrontError, Point
+from .plot import plot, plot_gallery, smallest
+from .several import require_one_task
+from .words import markdown, markdown_of_runs
+
+FORMAT = "sympol.fronts"
+VERSION = 1
+TASKS = (
+    "CartPole-v1",
+    "Acrobot-v1",
+    "LunarLander-v3",
+    "MountainCarContinuous-v0",
+    "Pendulum-v1",
+)
+"""What comes first on the page; the others follow by name."""
+_TREES = 3
+"""Drawn of each task."""
+_END = "\n\n"
+_EMPTY = "Nothing has been run yet: `sympol pareto ENV`, then `python -m sympol.pareto.gallery FOLDER`."
+
+
+def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
+    """Write fronts into ``results/fronts``; a run replaces one that is there with its seed, the others stay.
+
+    Raises:
+        FrontError: a front was not tested, or a file there is damaged.
+    """
+    by_task: dict[str, dict[int, Front]] = {}
+    for front in fronts:
+        if any(point.test is None for point in front.points):
+            raise FrontError(f"the front of {front.environment} was not tested; what is kept must be")
+        by_task.setdefault(front.environment, {})[front.seed] = front
+    written = []
+    for environment, new in by_task.items():
+        path = path_of(environment, root)
+        there = {front.seed: front for front in load(path)} if path.exists() else {}
+        runs = [front for _, front in sorted((there | new).items())]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(_to_json(runs), encoding="utf-8", newline="\n")
+        written.append(path)
+    return written
+
+
+def path_of(environment: str, root: Path) -> Path:
+    """The file of a task below ``root``."""
+    return _folder(root) / f"{_slug(environment)}.json"
+
+
+def load(path: Path) -> list[Front]:
+    """Read the runs of a file, by seed; raises FrontError where it is damaged."""
+    content = read_json(path, FORMAT, VERSION)
+    try:
+        environment, runs, points = content["environment"], content["runs"], content["points"]
+        fronts = [
+            front_from(
+                {
+                    "environment": environment,
+                    **run,
+                    "points": [_without_run(point) for point in points if point["run"] == run["seed"]],
+                    "candidates": [],
+                },
+                _tree_of,
+            )
+            for run in runs
+        ]
+        require_one_task(fronts)
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise FrontError(f"{path} is not as it was written ({error}); keep its fronts again") from error
+    return fronts
+
+
+def load_all(root: Path) -> list[list[Front]]:
+    """Read all files, the tasks in the order of the page."""
+    found = [load(path) for path in sorted(_folder(root).glob("*.json"))]
+    order = {name: i for i, name in enumerate(TASKS)}
+    return sorted(found, key=lambda runs: (order.get(runs[0].environment, len(order)), runs[0].environment))
+
+
+def write_docs(tasks: Sequence[Sequence[Front]], docs: Path) -> list[Path]:
+    """Write ``fronts.md`` and its pictures in ``images/fronts``; those of an older page go."""
+    images = docs / "images" / "fronts"
+    images.mkdir(parents=True, exist_ok=True)
+    for old in images.glob("*.svg"):
+        old.unlink()
+    pictures = [images / "gallery.svg"] if tasks else []
+    for picture in pictures:
+        plot_gallery(tasks, picture)
+    for fronts in tasks:
+        pictures.append(_picture(images, fronts))
+        plot(fronts, pictures[-1])
+        for point, path in _drawn(images, fronts[0]):
+            point.tree.plot(path)
+            pictures.append(path)
+    written = docs / "fronts.md"
+    written.write_text(page(tasks), encoding="utf-8", newline="\n")
+    return [written, *pictures]
+
+
+def page(tasks: Sequence[Sequence[Front]]) -> str:
+    """The page; its pictures lie in ``images/fronts``."""
+    parts = [
+        "# Fronts",
+        "Written by `python -m sympol.pareto.gallery` from `results/fronts`; nothing here is typed by hand.",
+    ]
+    if not tasks:
+        return _END.join([*parts, _EMPTY]) + "\n"
+    parts += [
+        "A tree is chosen by what it earns in validation and tested once. A test return is the mean over test "
+        "episodes of a deterministic tree, played on the original environments; mean ± standard deviation is over "
+        "whole runs, in brackets the nodes of each run's tree. Bold: the mean is what was asked. What is drawn and "
+        "how to read it: [the front](pareto.md).",
+        "![The fronts of all tasks, and their smallest trees](images/fronts/gallery.svg)",
+        *(_section(fronts) for fronts in tasks),
+    ]
+    return _END.join(parts) + "\n"
+
+
+def readme(tasks: Sequence[Sequence[Front]]) -> str:
+    """The gallery for the README: the picture, and a table of what was reached with at most so many nodes."""
+    image = "![The front of every task, and its smallest trees](docs/images/fronts/gallery.svg)"
+    tables = (f"**{fronts[0].environment}**\n\n{markdown_of_runs(fronts).split(_END)[0]}" for fronts in tasks)
+    return _END.join([image, *tables]) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """See the module."""
+    parser = argparse.ArgumentParser(prog="python -m sympol.pareto.gallery", description=__doc__)
+    parser.add_argument("folders", nargs="*", type=Path, help="fronts to keep, folders of sympol pareto")
+    parser.add_argument("--root", type=Path, default=Path(), help="the repository, or what else has results/")
+    parser.add_argument("--readme", action="store_true", help="print the gallery of the README")
+    given = parser.parse_args(arguments)
+    try:
+        kept = keep([Front.load(folder) for folder in given.folders], given.root)
+        tasks = load_all(given.root)
+        written = write_docs(tasks, given.root / "docs")
+    except (FrontError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(readme(tasks) if given.readme else "\n".join(map(str, [*kept, *written])))
+    return 0
+
+
+def _section(fronts: Sequence[Front]) -> str:
+    """A task: its picture, what all runs reached, and the first run's trees."""
+    first, name = fronts[0], fronts[0].environment
+    images = Path("images") / "fronts"
+    drawn = _drawn(images, first)
+    parts = [
+        f"## {name}",
+        f"![{name}: return against nodes]({_picture(images, fronts).as_posix()})",
+        markdown_of_runs(fronts).rstrip(),
+        f"### The trees of seed {first.seed}",
+        markdown(first).split(_END)[0],
+        *(f"![{name}: {point.nodes} nodes]({path.as_posix()})" for point, path in drawn),
+        *(f"```text\n{point.tree.to_text()}\n```" for point, _ in drawn[-1:]),
+    ]
+    return _END.join(parts)
+
+
+def _drawn(images: Path, front: Front) -> list[tuple[Point, Path]]:
+    """The trees that are drawn alone, and where."""
+    slug = _slug(front.environment)
+    return [(point, images / f"{slug}-{point.nodes:03d}.svg") for point in smallest(front, _TREES)]
+
+
+def _picture(images: Path, fronts: Sequence[Front]) -> Path:
+    return images / f"{_slug(fronts[0].environment)}.svg"
+
+
+def _to_json(fronts: Sequence[Front]) -> str:
+    """A line for each run and each point."""
+    runs = [fields_of(front) for front in fronts]
+    environment = {run.pop("environment") for run in runs}.pop()
+    points = itertools.chain.from_iterable(
+        (
+            {"run": front.seed, **point_fields(point), "tree": json.loads(point.tree.to_json())}
+            for point in front.points
+        )
+        for front in fronts
+    )
+    content: Mapping[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "environment": environment,
+        "runs": runs,
+        "points": list(points),
+    }
+    return dumps(content)
+
+
+def _without_run(point: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in point.items() if name != "run"}
+
+
+def _tree_of(fields: dict[str, Any]) -> DecisionTree:
+    return DecisionTree.from_json(json.dumps(fields.pop("tree")))
+
+
+def _folder(root: Path) -> Path:
+    return root / "results" / "fronts"
+
+
+def _slug(environment: str) -> str:
+    """An environment's id as a file's name."""
+    return "".join(c if c.isalnum() or c in "-." else "_" for c in environment)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,97 @@
+"""Labels of marks, put where they cover nothing."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from matplotlib.axes import Axes
+
+_SIZE = 6.5
+_MARK = 4.0
+"""Points around a mark that are its own."""
+
+
+class Label(NamedTuple):
+    """Words for a place in a panel."""
+
+    x: float | None
+    """None for a line all across."""
+    y: float
+    words: str
+    colour: str
+
+
+def place_labels(ax: Axes, labels: list[Label]) -> None:
+    """Put every label beside what it is of, near, inside the panel, off all marks and off the other labels.
+
+    Where no place is free of everything, the one that covers least.
+    """
+    figure = ax.figure.canvas.figure
+    figure.draw_without_rendering()  # a text's size is known once it has been laid out
+    pixels = figure.dpi / 72
+    taken = _marks(ax, labels, pixels)
+    for label in labels:
+        text = ax.text(0, 0, label.words, size=_SIZE, color=label.colour, ha="center", va="center", zorder=5)
+        extent = text.get_window_extent()
+        half = np.array([extent.width, extent.height]) / 2
+        centres = _places(ax, label, half, pixels)
+        best = centres[int(np.argmin([_covered(centre, half, taken, ax) for centre in centres]))]
+        # in the panel's own units, so that it stays there at another resolution
+        text.set_transform(ax.transAxes)
+        text.set_position(tuple(ax.transAxes.inverted().transform(best)))
+        taken = np.concatenate([taken, [[*(best - half), *(best + half)]]])
+
+
+def _marks(ax: Axes, labels: list[Label], pixels: float) -> Float[np.ndarray, "marks 4"]:
+    """What is drawn, as small boxes: lines and marks, but for those that are only background."""
+    drawn = [np.empty((0, 4))]
+    for line in ax.lines:
+        if line.get_alpha() is not None:
+            continue
+        at = line.get_transform().transform(line.get_xydata())
+        at = at[np.isfinite(at).all(axis=1)]
+        has_marks = line.get_marker() not in (None, "None", "")
+        reach = (_MARK if has_marks else 1) * pixels
+        at = at if has_marks else _along(at, 2 * pixels)
+        drawn.append(np.column_stack([at - reach, at + reach]))
+    own = np.array([(label.x, label.y) for label in labels if label.x is not None], float).reshape(-1, 2)
+    at = ax.transData.transform(own)
+    return np.concatenate([*drawn, np.column_stack([at - _MARK * pixels, at + _MARK * pixels])])
+
+
+def _along(corners: np.ndarray, step: float) -> np.ndarray:
+    """Points along a line through ``corners [n, 2]``, no further than ``step`` from each other."""
+    pieces = [corners[:1]]
+    for start, end in pairwise(corners):
+        count = int(np.ceil(np.abs(end - start).max() / step)) + 1
+        pieces.append(np.linspace(start, end, max(count, 2))[1:])
+    return np.concatenate(pieces)
+
+
+def _places(ax: Axes, label: Label, half: np.ndarray, pixels: float) -> list[np.ndarray]:
+    """Centres that a label may have, the nearest first."""
+    if label.x is None:
+        y = ax.transData.transform((1, label.y))[1]
+        along = np.linspace(ax.bbox.x1 - half[0] - 2 * pixels, ax.bbox.x0 + half[0] + 2 * pixels, 12)
+        above = [1, -1]
+        return [np.array([x, y + side * (half[1] + 1.5 * pixels)]) for x in along for side in above]
+    at = ax.transData.transform((label.x, label.y))
+    ways = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)])
+    gaps = np.array([5, 11, 18, 26]) * pixels
+    return [at + way * (half + gap) for gap in gaps for way in ways]
+
+
+def _covered(centre: np.ndarray, half: np.ndarray, taken: Float[np.ndarray, "boxes 4"], ax: Axes) -> float:
+    """How much of other things a label covers, in pixels squared; outside the panel counts most."""
+
+    def shared(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        both = np.minimum(centre + half, high) - np.maximum(centre - half, low)
+        return np.maximum(both, 0).prod(axis=-1)
+
+    inside = shared(np.array(ax.bbox.min), np.array(ax.bbox.max))
+    return float(shared(taken[:, :2], taken[:, 2:]).sum() + 100 * (4 * half.prod() - inside))

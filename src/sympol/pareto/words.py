@@ -1,0 +1,175 @@
+"""The front in words: on the terminal, and in Markdown."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..experiments.formats import in_markdown
+from ..experiments.wording import count, number
+from ..runs.progress import decimals
+from .files import place
+from .front import Front, Point, Returns, Spent
+from .references import Target, targets
+from .several import AtMost, require_one_task, sizes_of, summarise
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_COLUMNS = ("nodes", "validation", "95 %", "test", "rules", "depth", "road", "spent")
+_MOST_PLACES = 3
+NOT_TESTED = "not tested"
+NONE_SO_SMALL = "none so small"
+
+
+class Step(NamedTuple):
+    """What can be typed next."""
+
+    command: str
+    what: str
+
+
+def table(front: Front) -> Table:
+    """A line for each point, for the terminal: nodes, returns, rules (leaves), how it was made, what it cost."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    made = Table(box=None, pad_edge=False, header_style="bold")
+    for column in _COLUMNS:
+        made.add_column(column, justify="left" if column in ("road", "spent") else "right")
+    places = _places(front.points)
+    for point in front.points:
+        made.add_row(*map(escape, _cells(point, places)))
+    return made
+
+
+def next_steps(front: Front, folder: str | os.PathLike[str], program: str = "sympol") -> list[Step]:
+    """What one may do with the best point of a front that is in ``folder``."""
+    run = shlex.quote(str(place(folder, front.points[-1])))
+    return [
+        Step(f"{program} show {run}", "its rules"),
+        Step(f"{program} report {run}", "a page: the tree at work"),
+        Step(f"{program} eval {run} --episodes 100 --seed 7", "more test episodes"),
+        Step(f"{program} export {run} --to c", "the policy as a program"),
+    ]
+
+
+def markdown(front: Front) -> str:
+    """The same table in Markdown, what the whole run cost below it."""
+    places = _places(front.points)
+    rows = [[*map(in_markdown, _cells(point, places))] for point in front.points]
+    return f"{_pipes(_COLUMNS, rows)}\n\n{_whole(front)}\n"
+
+
+def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = None) -> str:
+    """What several runs of one task reached with at most so many nodes: asked, mean and spread, each run.
+
+    ``asked`` are by default the task's `targets`; where there are none, the sizes of all points.
+
+    Raises:
+        FrontError: as `summarise` does.
+    """
+    environment = require_one_task(fronts)
+    asked = list(targets(environment) if asked is None else asked)
+    asked = asked or [Target(size, None) for size in sizes_of(fronts)]
+    found = summarise(fronts, [target.nodes for target in asked])
+    places = _places(point for front in fronts for point in front.points)
+    columns = ["at most", *(["asked"] if any(map(_wanted, asked)) else []), "test return"]
+    columns += [f"seed {front.seed}" for front in fronts]
+    rows = []
+    for target, of in zip(asked, found, strict=True):
+        row = [f"{target.nodes} nodes"]
+        row += [_wanted(target) or "—"] if "asked" in columns else []
+        rows.append([*row, _reached(target, of, places), *(_of_run(point, places) for _, point in of.runs)])
+    whole = "\n".join(f"- seed {front.seed}: {_whole(front)}" for front in fronts)
+    return f"{_pipes(columns, rows)}\n\n{whole}\n"
+
+
+def spent_words(spent: Spent) -> str:
+    """What something cost: its steps, its teacher's, episodes to choose by, seconds."""
+    parts = [f"{_short(spent.env_steps)} steps"]
+    parts += [f"teacher {_short(spent.teacher_steps)}"] if spent.teacher_steps else []
+    parts += [f"{_short(spent.selection_episodes)} episodes to choose"] if spent.selection_episodes else []
+    return ", ".join([*parts, f"{spent.seconds:,.0f} s"])
+
+
+def _short(value: int) -> str:
+    """Three digits are enough: 1.23 M."""
+    return count(float(f"{value:.3g}"))
+
+
+def _cells(point: Point, places: int) -> list[str]:
+    low, high = point.interval
+    return [
+        str(point.nodes),
+        number(point.mean, places),
+        f"{number(low, places)} to {number(high, places)}",
+        _earned(point.test, places),
+        str(point.tree.n_leaves),
+        str(point.tree.depth),
+        point.road,
+        spent_words(point.spent),
+    ]
+
+
+def _earned(returns: Returns | None, places: int) -> str:
+    if returns is None:
+        return NOT_TESTED
+    return f"{number(returns.mean, places)} ± {number(returns.std, places)}"
+
+
+def _whole(front: Front) -> str:
+    """What a whole run cost, and what it was made with."""
+    tested = {point.test.episodes for point in front.points if point.test is not None}
+    validated = {point.validation.episodes for point in front.points}
+    facts = [
+        spent_words(front.spent),
+        f"validation on {_numbers(validated)} episodes",
+        f"test on {_numbers(tested)}" if tested else NOT_TESTED,
+        front.date[:10],
+        f"commit {front.commit[:10]}" if front.commit else "",
+    ]
+    return "; ".join(filter(None, facts)) + "."
+
+
+def _wanted(target: Target) -> str:
+    if target.mean is None:
+        return target.words
+    return number(target.mean, decimals(target.mean)).removesuffix(".0")
+
+
+def _reached(target: Target, of: AtMost, places: int) -> str:
+    """The mean over runs; bold where it is what was asked."""
+    if of.mean is None:
+        return NONE_SO_SMALL
+    text = number(of.mean, places) + ("" if of.std is None else f" ± {number(of.std, places)}")
+    return f"**{text}**" if target.mean is not None and of.mean >= target.mean else text
+
+
+def _of_run(point: Point | None, places: int) -> str:
+    if point is None or point.test is None:
+        return NONE_SO_SMALL
+    return f"{number(point.test.mean, places)} ({point.nodes})"
+
+
+def _numbers(values: Iterable[int]) -> str:
+    return " or ".join(f"{value:,}" for value in sorted(values))
+
+
+def _places(points: Iterable[Point]) -> int:
+    """Decimals that all returns of a table have, so many that points of one front do not look alike."""
+    points = list(points)
+    places = min(decimals(point.mean) for point in points)
+    while places < _MOST_PLACES and any(
+        0 < abs(b.mean - a.mean) < 10.0**-places for a, b in pairwise(points)
+    ):
+        places += 1
+    return places
+
+
+def _pipes(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [columns, ["---:"] * len(columns), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
