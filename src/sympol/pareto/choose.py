@@ -1,0 +1,85 @@
+"""From everything that was found to the front: validation, digits, and one test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float32
+
+from ..envs.spec import EnvSpec
+from ..play import play
+from ..refine.archive import cells
+from ..refine.arena import make_arena
+from ..trees import DecisionTree
+from .found import Found
+from .front import Candidate, Front, Point, Spent, non_dominated
+from .plan import Plan
+
+TEST_SEED = 1
+"""Of test episodes, as of `sympol train`."""
+EPISODES = {"jax": (256, 2048), "envpool": (32, 512), "host": (16, 128)}
+"""Of validation: for all that was found, and for the best of each size."""
+FINALISTS = 4
+"""Of each size."""
+
+
+def choose(plan: Plan, spec: EnvSpec, found: Sequence[Found], spent: Spent) -> Front:
+    """The front of what was found, chosen by validation episodes, then tested.
+
+    All play a few episodes, the best few of each size many others; these alone decide. What this takes is
+    added to ``spent``, what all roads have cost.
+    """
+    arena = make_arena(spec, plan.seed, "validation")
+    fit = _distinct([one for one in found if one.tree.n_nodes <= plan.max_nodes])
+    few, many = EPISODES[spec.backend]
+    means = arena.play([one.tree for one in fit], range(few)).returns.mean(axis=1)
+    best = _best_of_each_size(fit, means, plan.max_nodes)
+    returns = arena.play([one.tree for one in best], range(few, few + many)).returns
+    points = [_point(plan, one, row) for one, row in zip(best, returns, strict=True)]
+    front = non_dominated(points)
+    episodes = len(fit) * few + len(best) * many
+    spent += Spent(env_steps=arena.steps, selection_episodes=episodes)
+    tried = [Candidate(one.tree.n_nodes, float(mean), one.road) for one, mean in zip(fit, means, strict=True)]
+    return Front(
+        environment=spec.name,
+        seed=plan.seed,
+        points=tuple(front),
+        candidates=tuple(tried),
+        spent=spent,
+        budget={"budget": plan.budget},
+    )
+
+
+def test(front: Front, spec: EnvSpec, episodes: int) -> Front:
+    """The front with each of its trees tested on Gymnasium, on episodes that nothing was chosen by."""
+    if spec.make_host is None:
+        return front
+    points = []
+    for point in front.points:
+        played = play(point.tree, spec, episodes, seed=TEST_SEED)
+        tree = point.tree.with_visits(played.observations)
+        points.append(replace(point, tree=tree).tested(played.returns))
+    return replace(front, points=tuple(points))
+
+
+def _distinct(found: Sequence[Found]) -> list[Found]:
+    first: dict[DecisionTree, Found] = {}
+    for one in found:
+        first.setdefault(replace(one.tree, n_node_samples=None), one)
+    return list(first.values())
+
+
+def _best_of_each_size(
+    found: Sequence[Found], means: Float32[np.ndarray, " trees"], max_nodes: int
+) -> list[Found]:
+    sizes = cells(max_nodes)
+    by_size: dict[int, list[int]] = {}
+    for i in np.argsort(-means, kind="stable").tolist():
+        by_size.setdefault(int(np.searchsorted(sizes, found[i].tree.n_nodes)), []).append(i)
+    return [found[i] for kept in by_size.values() for i in kept[:FINALISTS]]
+
+
+def _point(plan: Plan, one: Found, returns: Float32[np.ndarray, " episodes"]) -> Point:
+    return Point.of(one.tree, returns, road=one.road, seed=plan.seed, spent=one.spent)

@@ -1,0 +1,125 @@
+"""The search for a front: road after road, each kept as it goes, then the choice.
+
+Everything is in one folder. What is finished is not done again, so a search that was killed goes on where it was and
+loses at most what its tasks were doing: a training goes on from its checkpoint, evolution from its last heat.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeAlias
+
+from ..envs.registry import resolve
+from ..experiments.workers import TasksFailed, run_tasks
+from ..refine.evolve import Budget
+from ..runs.about import RunError, versions
+from ..runs.checkpoint import write_atomically
+from .choose import choose, test
+from .files import FILE as FRONT
+from .found import Found, kept
+from .front import Front, Spent
+from .plan import CHOOSING, Plan
+from .roads import place, tasks
+
+PLAN = "plan.json"
+Watch: TypeAlias = Callable[[str, float], object]
+"""Told what is done now, and the seconds that the search has taken so far."""
+
+
+def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = None) -> Front:
+    """Search, or go on with a search that was interrupted; return the front, which is in the folder then.
+
+    Raises:
+        RunError: the folder holds something else, or the search of another plan.
+        ValueError: a budget that is too small to find anything.
+        TasksFailed: a road that failed.
+    """
+    begin(plan, folder)
+    if (folder / FRONT).exists():
+        return Front.load(folder)
+    spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
+    began = time.perf_counter()
+    for road in plan.roads:
+        if watch is not None:
+            watch(road, time.perf_counter() - began)
+        run_tasks(
+            tasks(plan, folder, road, _share(plan, road, time.perf_counter() - began)),
+            workers=workers,
+            on_done=lambda task, result: None,
+            progress=False,
+        )
+    found, spent = collected(plan, folder)
+    if not found:
+        raise ValueError(
+            f"a budget of {plan.budget} was too small to find a tree of at most {plan.max_nodes} nodes; give more, "
+            "such as --budget 5m"
+        )
+    if watch is not None:
+        watch("choose", time.perf_counter() - began)
+    front = choose(plan, spec, found, replace(spent, seconds=spent.seconds))
+    if watch is not None:
+        watch("test", time.perf_counter() - began)
+    front = replace(
+        test(front, spec, plan.eval_episodes),
+        versions=versions(),
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+    front.save(folder, spec)
+    return front
+
+
+def begin(plan: Plan, folder: Path) -> None:
+    """Make the folder of a search, or see that it holds this one.
+
+    Raises:
+        RunError: it does not.
+    """
+    file = folder / PLAN
+    if file.exists():
+        try:
+            was = Plan.from_dict(json.loads(file.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
+            raise RunError(f"{file} cannot be read ({error}); choose another --out") from error
+        changed = [
+            f"{name} {value!r}, not {plan.to_dict()[name]!r}"
+            for name, value in was.to_dict().items()
+            if value != plan.to_dict()[name]
+        ]
+        if changed:
+            raise RunError(
+                f"{folder} holds a search with {', '.join(changed)}; replace it with --overwrite, or choose another "
+                "--out"
+            )
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise RunError(f"{folder} exists and is no search; choose another --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(file, (json.dumps(plan.to_dict(), indent=1) + "\n").encode())
+
+
+def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:
+    """All that the roads have found so far, and what they have cost together."""
+    found: list[Found] = []
+    spent = Spent()
+    for road in plan.roads:
+        for task in tasks(plan, folder, road, Budget()):
+            trees, _ = kept(place(folder, road, task.arguments["index"]))
+            found += [one for one in trees if one.tree.n_nodes <= plan.max_nodes]
+            dearest = max((one.spent for one in trees), key=lambda one: one.env_steps, default=Spent())
+            spent += dearest
+    return found, spent
+
+
+def _share(plan: Plan, road: str, elapsed: float) -> Budget:
+    """What a road may take: its part, the last one all that is left."""
+    if road == plan.roads[-1]:
+        return Budget(plan.steps * plan.share(road), max(1.0, plan.seconds * (1 - CHOOSING) - elapsed))
+    return Budget(plan.steps * plan.share(road), plan.seconds * plan.share(road))
+
+
+__all__ = ["TasksFailed", "begin", "collected", "search"]
