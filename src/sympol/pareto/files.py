@@ -51,13 +51,14 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
     Raises:
         RunError: something is in the way that is no point of ours, or cannot be written.
     """
+    from ..runs.about import CONFIG, is_run
     from ..runs.checkpoint import write_atomically
 
     folder = Path(folder)
     (folder / FILE).unlink(missing_ok=True)
     places = {place(folder, point) for point in front.points}
     for old in (folder / _POINTS).glob("*"):
-        if _PLACE.fullmatch(old.name) and old not in places:
+        if _PLACE.fullmatch(old.name) and old not in places and is_run(old / CONFIG):
             shutil.rmtree(old)
     for point in front.points:
         _save_point(place(folder, point), point, spec)

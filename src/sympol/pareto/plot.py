@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..experiments.looks import PANEL, Look, legend_below, save, styled
-from ..experiments.wording import number
+from ..experiments.wording import given, number
 from ..runs.progress import decimals
 from ..trees.plot import arrange, draw
 from ..trees.plot_page import check_file
@@ -247,14 +247,15 @@ def _references(ax: Axes, others: Iterable[Reference]) -> list[Label]:
             ax.axhline(other.mean, color=_GREY, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
         else:
             ax.plot([other.nodes], [other.mean], "+", color="black", markersize=6)
-        words, colour = f"{other.label} {_short(other.mean)}", "black" if other.nodes else _GREY
+        words, colour = f"{other.label} {given(other.mean)}", "black" if other.nodes else _GREY
         labels.append(Label(other.nodes, other.mean, words, colour))
     return labels
 
 
 def _returned(point: Point) -> str:
-    return _short(point.mean if point.test is None else point.test.mean)
+    mean = point.mean if point.test is None else point.test.mean
+    return number(mean, decimals(mean))
 
 
 def _short(mean: float) -> str:
-    return number(mean, decimals(mean)).removesuffix(".0")
+    return number(mean, 0 if float(mean).is_integer() else decimals(mean))

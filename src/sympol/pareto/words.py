@@ -9,19 +9,23 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..experiments.formats import in_markdown
-from ..experiments.wording import count, number
+from ..experiments.statistics import Interval
+from ..experiments.wording import count, given, interval, number
 from ..runs.progress import decimals
 from .files import place
-from .front import Front, Point, Returns, Spent
+from .front import Front, Point, Spent
 from .references import Target, targets
 from .several import AtMost, require_one_task, sizes_of, summarise
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-_COLUMNS = ("nodes", "validation", "95 %", "test", "rules", "depth", "road", "spent")
+_COLUMNS = (
+    "nodes", "rules", "depth", "validation [95 %]", "test", "± std", "road", "steps", "episodes", "seconds",
+)  # fmt: skip
+"""Rules are leaves; steps are environment steps, + a teacher's; episodes are those that something was chosen by."""
+_ON_TERMINAL = ("nodes", "rules", "validation [95 %]", "test", "road", "steps", "seconds")
 _MOST_PLACES = 3
-NOT_TESTED = "not tested"
 NONE_SO_SMALL = "none so small"
 
 
@@ -33,16 +37,15 @@ class Step(NamedTuple):
 
 
 def table(front: Front) -> Table:
-    """A line for each point, for the terminal: nodes, returns, rules (leaves), how it was made, what it cost."""
+    """A line for each point, for a terminal of 80 columns: size, returns, how it was made, what it cost."""
     from rich.markup import escape
     from rich.table import Table
 
     made = Table(box=None, pad_edge=False, header_style="bold")
-    for column in _COLUMNS:
-        made.add_column(column, justify="left" if column in ("road", "spent") else "right")
-    places = _places(front.points)
-    for point in front.points:
-        made.add_row(*map(escape, _cells(point, places)))
+    for column in _ON_TERMINAL:
+        made.add_column(column, justify="left" if column == "road" else "right", no_wrap=column != "road")
+    for cells in _rows(front):
+        made.add_row(*(escape(cells[column]) for column in _ON_TERMINAL))
     return made
 
 
@@ -59,8 +62,7 @@ def next_steps(front: Front, folder: str | os.PathLike[str], program: str = "sym
 
 def markdown(front: Front) -> str:
     """The same table in Markdown, what the whole run cost below it."""
-    places = _places(front.points)
-    rows = [[*map(in_markdown, _cells(point, places))] for point in front.points]
+    rows = [[in_markdown(cells[column]) for column in _COLUMNS] for cells in _rows(front)]
     return f"{_pipes(_COLUMNS, rows)}\n\n{_whole(front)}\n"
 
 
@@ -76,7 +78,7 @@ def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = N
     asked = list(targets(environment) if asked is None else asked)
     asked = asked or [Target(size, None) for size in sizes_of(fronts)]
     found = summarise(fronts, [target.nodes for target in asked])
-    places = _places(point for front in fronts for point in front.points)
+    places = min(decimals(point.mean) for front in fronts for point in front.points)
     columns = ["at most", *(["asked"] if any(map(_wanted, asked)) else []), "test return"]
     columns += [f"seed {front.seed}" for front in fronts]
     rows = []
@@ -101,24 +103,26 @@ def _short(value: int) -> str:
     return count(float(f"{value:.3g}"))
 
 
-def _cells(point: Point, places: int) -> list[str]:
-    low, high = point.interval
-    return [
-        str(point.nodes),
-        number(point.mean, places),
-        f"{number(low, places)} to {number(high, places)}",
-        _earned(point.test, places),
-        str(point.tree.n_leaves),
-        str(point.tree.depth),
-        point.road,
-        spent_words(point.spent),
-    ]
+def _rows(front: Front) -> list[dict[str, str]]:
+    """A line for each point, by column."""
+    places = _places(front.points)
+    return [_cells(point, places) for point in front.points]
 
 
-def _earned(returns: Returns | None, places: int) -> str:
-    if returns is None:
-        return NOT_TESTED
-    return f"{number(returns.mean, places)} ± {number(returns.std, places)}"
+def _cells(point: Point, places: int) -> dict[str, str]:
+    tested, spent, teacher = point.test, point.spent, point.spent.teacher_steps
+    return {
+        "nodes": str(point.nodes),
+        "rules": str(point.tree.n_leaves),
+        "depth": str(point.tree.depth),
+        "validation [95 %]": interval(Interval(point.mean, *point.interval), places),
+        "test": "—" if tested is None else number(tested.mean, places),
+        "± std": "—" if tested is None else number(tested.std, places),
+        "road": point.road,
+        "steps": _short(spent.env_steps) + (f" + {_short(teacher)}" if teacher else ""),
+        "episodes": _short(spent.selection_episodes),
+        "seconds": number(spent.seconds, 0),
+    }
 
 
 def _whole(front: Front) -> str:
@@ -128,7 +132,7 @@ def _whole(front: Front) -> str:
     facts = [
         spent_words(front.spent),
         f"validation on {_numbers(validated)} episodes",
-        f"test on {_numbers(tested)}" if tested else NOT_TESTED,
+        f"test on {_numbers(tested)}" if tested else "not tested",
         front.date[:10],
         f"commit {front.commit[:10]}" if front.commit else "",
     ]
@@ -138,7 +142,7 @@ def _whole(front: Front) -> str:
 def _wanted(target: Target) -> str:
     if target.mean is None:
         return target.words
-    return number(target.mean, decimals(target.mean)).removesuffix(".0")
+    return given(target.mean)
 
 
 def _reached(target: Target, of: AtMost, places: int) -> str:
@@ -159,13 +163,10 @@ def _numbers(values: Iterable[int]) -> str:
     return " or ".join(f"{value:,}" for value in sorted(values))
 
 
-def _places(points: Iterable[Point]) -> int:
+def _places(points: Sequence[Point]) -> int:
     """Decimals that all returns of a table have, so many that points of one front do not look alike."""
-    points = list(points)
     places = min(decimals(point.mean) for point in points)
-    while places < _MOST_PLACES and any(
-        0 < abs(b.mean - a.mean) < 10.0**-places for a, b in pairwise(points)
-    ):
+    while places < _MOST_PLACES and any(b.mean - a.mean < 10.0**-places for a, b in pairwise(points)):
         places += 1
     return places
 
