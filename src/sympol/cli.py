@@ -24,6 +24,7 @@ sympol: reinforcement learning whose policy is a decision tree you can read
   sympol diff RUN RUN          what is different between two trees, in words, and in the states one visits
   sympol resume RUN            go on with an interrupted training
   sympol distill TEACHER       make a tree of an MLP, a soft tree, a stable-baselines3 model or any function
+  sympol pareto CartPole-v1    the best small trees: return against size, from which to choose
   sympol bench TABLE           run what a table of the paper lacks, and write it: control-ppo, minigrid, ...
   sympol tune CartPole-v1      search hyperparameters; the best become a preset
 

@@ -58,6 +58,12 @@ def _diff(arguments: Sequence[str]) -> int:
     return diff(arguments)
 
 
+def _pareto(arguments: Sequence[str]) -> int:
+    from .pareto import pareto
+
+    return pareto(arguments)
+
+
 def _tune(arguments: Sequence[str]) -> int:
     from .tune import tune
 
@@ -77,6 +83,7 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
     "diff": _diff,
     "resume": train.resume,
     "distill": _distill,
+    "pareto": _pareto,
     "bench": _bench,
     "tune": _tune,
 }

@@ -12,6 +12,8 @@ from ..trees import DecisionTree
 from .front import Spent
 
 FILE = "found.json"
+HEAT = "heat.json"
+"""The best return of each size so far, for whoever looks on."""
 
 
 @dataclass(frozen=True)

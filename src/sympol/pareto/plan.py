@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
 SHARES = {"scratch": 0.2, "teacher": 0.3, "evolve": 0.4}
-"""Parts of the budget of each road; what is left, and that of roads that are not taken, is for the others and for
-choosing."""
+"""Of the budget, how it is divided among roads; those that are taken have it all but what choosing takes."""
 CHOOSING = 0.1
+"""Part of a budget in seconds for choosing and testing."""
 MINUTES = {"CartPole-v1": 2.0, "MountainCarContinuous-v0": 5.0, "LunarLander-v3": 30.0}
 """Of a budget where none is given; ten minutes for all others."""
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
@@ -31,7 +31,7 @@ class Plan:
     seed: int = 0
     max_nodes: int = 63
     budget: str = ""
-    """As `seconds_of` or `steps_of` reads it; by default so many `MINUTES`."""
+    """A time or a number of environment steps, such as "5m" or "50M steps"; by default so many `MINUTES`."""
     roads: tuple[str, ...] = tuple(SHARES)
     teacher: str = ""
     """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
@@ -64,16 +64,16 @@ class Plan:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.eval_episodes < 2:
             raise ValueError(f"eval_episodes must be at least 2, got {self.eval_episodes}")
-        self.seconds, self.steps  # noqa: B018  (they raise)
+        _read(self.budget)
 
     @property
     def seconds(self) -> float:
-        """Of the whole search but its test; infinite where steps are counted."""
+        """Of the whole search; infinite where steps are counted."""
         return _read(self.budget)[0]
 
     @property
     def steps(self) -> float:
-        """Of the whole search but its choice and its test; infinite where seconds are counted."""
+        """Of all roads together; infinite where seconds are counted."""
         return _read(self.budget)[1]
 
     def share(self, road: str) -> float:

@@ -9,7 +9,9 @@
 
 from __future__ import annotations
 
+import json
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ..agents import PPO, Agent, Callback, Report
+from ..agents import PPO, Agent, Callback, Report, load
 from ..algos.start import Start
 from ..compilation import use_disk_cache
 from ..distill import load_sb3
@@ -28,15 +30,16 @@ from ..play import play
 from ..refine.arena import make_arena
 from ..refine.evolve import Budget, Heat, evolve
 from ..refine.shrink import chain
+from ..runs.checkpoint import write_atomically
 from ..runs.folder import Run
 from ..teachers import as_teacher, default_method, distill_policy
 from ..training import finish, go_on, has_run, keep_in
 from ..trees import DecisionTree
-from .found import Found, keep, kept
+from .found import HEAT, Found, keep, kept
 from .front import Spent
 from .plan import Plan
 
-HEAT = {"jax": 256, "envpool": 32, "host": 16}
+EPISODES = {"jax": 256, "envpool": 32, "host": 16}
 """Episodes in which evolution compares, by what steps them."""
 LARGEST = 127
 """Nodes of the trees that evolution starts from, at most, however small those are that are asked for."""
@@ -139,7 +142,9 @@ def _evolve(site: Site) -> None:
     before, _ = kept(site.folder)
     done = before[-1].spent if before else Spent()
     roads = [road for road in site.plan.roads if road != "evolve"]
-    others = [one for road in roads for folder in sorted((site.root / road).glob("*")) for one in kept(folder)[0]]
+    others = [
+        one for road in roads for folder in sorted((site.root / road).glob("*")) for one in kept(folder)[0]
+    ]
     name = " + ".join([*roads, "evolve"]) if others else "evolve"
     cost = max((one.spent for one in others), key=lambda spent: spent.seconds, default=Spent())
     starts = [one.tree for one in (*others, *before) if one.tree.n_nodes <= LARGEST]
@@ -149,15 +154,19 @@ def _evolve(site: Site) -> None:
         here = Spent(done.env_steps + heat.steps, cost.teacher_steps, 0, done.seconds + heat.seconds)
         return [Found(tree, name, here) for tree in heat.trees]
 
+    def tell(heat: Heat) -> None:
+        keep(site.folder, found(heat), finished=False)
+        write_atomically(site.folder / HEAT, json.dumps(heat.best).encode())
+
     left = Budget(site.share.steps - done.env_steps, site.share.seconds - done.seconds)
     last = evolve(
         arena,
         starts or [_indifferent(site.spec)],
         max_nodes=site.plan.max_nodes,
         budget=left,
-        episodes=HEAT[site.spec.backend],
+        episodes=EPISODES[site.spec.backend],
         seed=site.seed,
-        progress=lambda heat: keep(site.folder, found(heat), finished=False),
+        progress=tell,
     )
     keep(site.folder, found(last), finished=True)
 
@@ -203,27 +212,26 @@ def _depths(site: Site) -> Sequence[int]:
 def _given(site: Site) -> Any:
     path = Path(site.plan.teacher)
     if path.is_dir():
-        from ..agents import load
-
         return load(path)
-    return load_sb3(path, resolve(site.plan.env, env_kwargs=site.plan.env_kwargs, backend="host"), trust=False)
+    return load_sb3(
+        path, resolve(site.plan.env, env_kwargs=site.plan.env_kwargs, backend="host"), trust=False
+    )
 
 
 def _warn_of_poor_teacher(teacher: Any) -> None:
     """Say so where a teacher earns less than chance does."""
-    import warnings
-
-    rng, space = np.random.default_rng(0), teacher.spec.action_space
+    space = teacher.spec.action_space
     space.seed(0)
     its = play(teacher, teacher.spec, 10, seed=0, purpose="distill").returns.mean()
-    chance = play(lambda x: np.stack([space.sample() for _ in x]), teacher.spec, 10, seed=0, purpose="distill")
+    chance = play(
+        lambda x: np.stack([space.sample() for _ in x]), teacher.spec, 10, seed=0, purpose="distill"
+    )
     if its < chance.returns.mean():
         warnings.warn(
             f"the teacher earns {its:.1f}, less than a random policy does, {chance.returns.mean():.1f}; its trees "
             "will be poor",
             stacklevel=2,
         )
-    del rng
 
 
 def _indifferent(spec: EnvSpec) -> DecisionTree:

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ..envs.registry import resolve
-from ..experiments.workers import TasksFailed, run_tasks
+from ..experiments.bench import commit
+from ..experiments.workers import run_tasks
 from ..refine.evolve import Budget
 from ..runs.about import RunError, versions
 from ..runs.checkpoint import write_atomically
@@ -43,29 +44,30 @@ def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = 
     if (folder / FRONT).exists():
         return Front.load(folder)
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
-    began = time.perf_counter()
-    for road in plan.roads:
+    began = time.perf_counter() - _seconds_before(plan, folder)
+
+    def now(doing: str) -> float:
+        elapsed = time.perf_counter() - began
         if watch is not None:
-            watch(road, time.perf_counter() - began)
-        run_tasks(
-            tasks(plan, folder, road, _share(plan, road, time.perf_counter() - began)),
-            workers=workers,
-            on_done=lambda task, result: None,
-            progress=False,
-        )
+            watch(doing, elapsed)
+        return elapsed
+
+    for road in plan.roads:
+        todo = tasks(plan, folder, road, _share(plan, road, now(road)))
+        run_tasks(todo, workers=workers, on_done=lambda task, result: None, progress=False)
     found, spent = collected(plan, folder)
     if not found:
         raise ValueError(
             f"a budget of {plan.budget} was too small to find a tree of at most {plan.max_nodes} nodes; give more, "
             "such as --budget 5m"
         )
-    if watch is not None:
-        watch("choose", time.perf_counter() - began)
-    front = choose(plan, spec, found, replace(spent, seconds=spent.seconds))
-    if watch is not None:
-        watch("test", time.perf_counter() - began)
+    now("choose")
+    front = choose(plan, spec, found, spent)
+    seconds = now("test")
     front = replace(
         test(front, spec, plan.eval_episodes),
+        spent=replace(front.spent, seconds=seconds),
+        commit=commit(),
         versions=versions(),
         date=datetime.now(UTC).isoformat(timespec="seconds"),
     )
@@ -115,11 +117,20 @@ def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:
     return found, spent
 
 
+def _seconds_before(plan: Plan, folder: Path) -> float:
+    """What roads had taken when the search was interrupted, their tasks side by side."""
+    every = {road: tasks(plan, folder, road, Budget()) for road in plan.roads}
+    found = {
+        road: [kept(place(folder, road, task.arguments["index"]))[0] for task in of]
+        for road, of in every.items()
+    }
+    return sum(
+        max((one.spent.seconds for trees in of for one in trees), default=0.0) for of in found.values()
+    )
+
+
 def _share(plan: Plan, road: str, elapsed: float) -> Budget:
     """What a road may take: its part, the last one all that is left."""
     if road == plan.roads[-1]:
         return Budget(plan.steps * plan.share(road), max(1.0, plan.seconds * (1 - CHOOSING) - elapsed))
     return Budget(plan.steps * plan.share(road), plan.seconds * plan.share(road))
-
-
-__all__ = ["TasksFailed", "begin", "collected", "search"]

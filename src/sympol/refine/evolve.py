@@ -76,7 +76,9 @@ def evolve(
         raise ValueError(
             f"max_nodes must be odd and at least 1, as trees have an odd number of nodes, got {max_nodes}"
         )
-    limit = max(max_nodes, *(tree.n_nodes for tree in starts))  # from a large tree to small ones, step by step
+    limit = max(
+        max_nodes, *(tree.n_nodes for tree in starts)
+    )  # from a large tree to small ones, step by step
     search = _Search(arena, starts[0], limit, episodes, np.random.default_rng(seed))
     began, spent = time.perf_counter(), arena.steps
     search.begin([plain(tree) for tree in starts])

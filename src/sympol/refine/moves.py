@@ -159,8 +159,10 @@ class Moves:
             return put(root, path, self._other_answer(leaf, rng))
         whole = kind == 2 and len(everywhere) > 1
         path, node = everywhere[rng.integers(len(everywhere))] if whole else (path, leaf)
-        sides = (node, self._other_answer(leaf, rng))
-        return put(root, path, self._question(*(sides if rng.random() < 0.5 else sides[::-1]), rng))
+        left, right = node, self._other_answer(leaf, rng)
+        if rng.random() < 0.5:
+            left, right = right, left
+        return put(root, path, self._question(left, right, rng))
 
     def _changed_split(
         self, split: Split, kind: int, others: Sequence[Plain], rng: np.random.Generator
@@ -173,8 +175,8 @@ class Moves:
             return split.left if rng.random() < 0.5 else split.right
         if kind == 6:
             return split._replace(left=split.right, right=split.left)
-        other = paths(others[rng.integers(len(others))])
-        return other[rng.integers(len(other))][1]
+        other = paths(others[int(rng.integers(len(others)))])
+        return other[int(rng.integers(len(other)))][1]
 
     def _question(self, left: Plain, right: Plain, rng: np.random.Generator) -> Split:
         asked = [feature for feature, values in enumerate(self.seen) if len(values) > 1]
@@ -201,7 +203,7 @@ class Moves:
             return self.leaf(rng)
         low, high = self._range()
         step = rng.normal(size=low.shape) * (high - low) * 10 ** rng.uniform(-2.5, 0)
-        return Leaf(tuple(np.clip(leaf.value + step, self.actions.low, self.actions.high).tolist()))
+        return Leaf(tuple((np.asarray(leaf.value) + step).clip(low, high).tolist()))
 
     def _range(self) -> tuple[Float[np.ndarray, " outputs"], Float[np.ndarray, " outputs"]]:
         """Bounds of continuous actions; one where there are none."""
