@@ -55,13 +55,6 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
     from ..runs.checkpoint import write_atomically
 
     folder = Path(folder)
-    (folder / FILE).unlink(missing_ok=True)
-    places = {place(folder, point) for point in front.points}
-    for old in (folder / _POINTS).glob("*"):
-        if _PLACE.fullmatch(old.name) and old not in places and is_run(old / CONFIG):
-            shutil.rmtree(old)
-    for point in front.points:
-        _save_point(place(folder, point), point, spec)
     content = {
         "format": FORMAT,
         "version": VERSION,
@@ -69,6 +62,13 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
         "points": [{**point_fields(point), "sha256": _digest(point.tree)} for point in front.points],
         "candidates": list(front.candidates),
     }
+    (folder / FILE).unlink(missing_ok=True)
+    places = {place(folder, point) for point in front.points}
+    for old in (folder / _POINTS).glob("*"):
+        if _PLACE.fullmatch(old.name) and old not in places and is_run(old / CONFIG):
+            shutil.rmtree(old)
+    for point in front.points:
+        _save_point(place(folder, point), point, spec)
     write_atomically(folder / FILE, dumps(content).encode())
 
 
@@ -83,12 +83,9 @@ def load(folder: str | PathLike[str]) -> Front:
     content = read_json(file, FORMAT, VERSION)
 
     def tree_of(fields: dict[str, Any]) -> DecisionTree:
-        digest, policy = (
-            fields.pop("sha256"),
-            folder / _POINTS / f"{fields['nodes']:03}-nodes" / "policy.json",
-        )
+        policy = _place(folder, fields["nodes"]) / "policy.json"
         text = policy.read_text(encoding="utf-8")
-        if hashlib.sha256(text.encode()).hexdigest() != digest:
+        if hashlib.sha256(text.encode()).hexdigest() != fields.pop("sha256"):
             raise FrontError(
                 f"{policy} is not the tree that {FILE} says it is; what was measured is not said of this one"
             )
@@ -181,9 +178,9 @@ def front_from(content: Mapping[str, Any], tree_of: TreeOf) -> Front:
 
 
 def _point(fields: dict[str, Any], tree_of: TreeOf) -> Point:
-    tree = tree_of(fields)
-    if fields.pop("nodes") != tree.n_nodes:
-        raise FrontError(f"a tree has {tree.n_nodes} nodes, which is not what is said of it")
+    tree, nodes = tree_of(fields), fields.pop("nodes")
+    if isinstance(nodes, bool) or nodes != tree.n_nodes:
+        raise FrontError(f"a tree has {tree.n_nodes} nodes, and not {nodes!r}, as is said of it")
     fields["validation"] = Returns(**fields["validation"])
     fields["test"] = None if fields["test"] is None else Returns(**fields["test"])
     fields["spent"] = Spent(**fields["spent"])
