@@ -22,7 +22,7 @@ import numpy as np
 from ..agents import PPO, Agent, Callback, Report, load
 from ..algos.start import Start
 from ..compilation import use_disk_cache
-from ..distill import load_sb3
+from ..distill import Teacher, load_sb3
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..experiments.workers import Task
@@ -32,7 +32,7 @@ from ..refine.evolve import Budget, Heat, evolve
 from ..refine.shrink import chain
 from ..runs.checkpoint import write_atomically
 from ..runs.folder import Run
-from ..teachers import as_teacher, default_method, distill_policy
+from ..teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ..training import finish, go_on, has_run, keep_in
 from ..trees import DecisionTree
 from .found import HEAT, Found, keep, kept
@@ -44,6 +44,11 @@ EPISODES = {"jax": 256, "envpool": 32, "host": 16}
 LARGEST = 127
 """Nodes of the trees that evolution starts from, at most, however small those are that are asked for."""
 CRITIC_WARMUP = 0.1
+"""Of the training that goes on from a distilled tree."""
+ITERATIONS = 10
+"""Trees that are fitted one after the other, of which distillation takes the best."""
+ENOUGH = 10.0
+"""Seconds that another training is worth beginning with."""
 
 
 def tasks(plan: Plan, folder: Path, road: str, share: Budget) -> list[Task]:
@@ -111,6 +116,10 @@ def _scratch(site: Site) -> None:
 
 def _teacher(site: Site) -> None:
     began = time.perf_counter()
+
+    def left() -> float:
+        return site.share.seconds - (time.perf_counter() - began)
+
     if site.plan.teacher:
         teacher, cost = _given(site), Spent()
     else:
@@ -118,23 +127,19 @@ def _teacher(site: Site) -> None:
         cost = Spent(teacher_steps=cost.env_steps, seconds=cost.seconds)
     asked = as_teacher(teacher)
     _warn_of_poor_teacher(asked)
-    found: list[Found] = []
-    best: tuple[float, DecisionTree] | None = None
-    arena = make_arena(site.spec, site.seed)
+    arena, found, full = make_arena(site.spec, site.seed), [], []
     for depth in _depths(site):
-        full = distill_policy(teacher, default_method(teacher, asked), depth, seed=site.seed)
-        score = float(arena.play([full], range(128)).returns.mean())
-        if best is None or score > best[0]:
-            best = score, full
-        found += _chain(site, full, "teacher", replace(cost, seconds=time.perf_counter() - began), began)
+        full.append(_distilled(teacher, asked, depth, site.seed))
+        found += _chain(site, full[-1], "teacher", cost, began)
         keep(site.folder, found, finished=False)
-        if time.perf_counter() - began > 0.65 * site.share.seconds:
+        if left() < 0.35 * site.share.seconds:
             break
-    assert best is not None
-    left = Budget(0.4 * site.share.steps, max(5.0, 0.9 * (site.share.seconds + began - time.perf_counter())))
-    start = Start(best[1], critic_warmup=CRITIC_WARMUP, origin="the tree distilled from the teacher")
-    tuned, more = _trained(site, "tree", site.folder / "tuned", left, start)
-    found += _chain(site, tuned.tree(), "teacher + ppo", cost + more, began)
+    if left() > ENOUGH:
+        best = full[int(arena.play(full, range(128)).returns.mean(axis=1).argmax())]
+        start = Start(best, critic_warmup=CRITIC_WARMUP, origin="the best tree distilled from the teacher")
+        share = Budget(0.4 * site.share.steps, left() - ENOUGH / 2)
+        tuned, more = _trained(site, "tree", site.folder / "tuned", share, start)
+        found += _chain(site, tuned.tree(), "teacher + ppo", cost + more, began)
     keep(site.folder, found, finished=True)
 
 
@@ -203,6 +208,13 @@ def _chain(site: Site, tree: DecisionTree, road: str, spent: Spent, began: float
     return [Found(one.tree, f"{road} + shrink" if i else road, cost) for i, one in enumerate(smaller)]
 
 
+def _distilled(policy: Any, teacher: Teacher, depth: int, seed: int) -> DecisionTree:
+    method = default_method(policy, teacher)
+    if method == DISCRETIZE:
+        return distill_policy(policy, method, env=teacher.spec)
+    return distill_policy(policy, method, depth, env=teacher.spec, seed=seed, num_iterations=ITERATIONS)
+
+
 def _depths(site: Site) -> Sequence[int]:
     """Of distilled trees: complete ones of about the size asked for, and some that are pruned to it."""
     deepest = max(2, int(np.ceil(np.log2(site.plan.max_nodes + 1))))
@@ -218,7 +230,7 @@ def _given(site: Site) -> Any:
     )
 
 
-def _warn_of_poor_teacher(teacher: Any) -> None:
+def _warn_of_poor_teacher(teacher: Teacher) -> None:
     """Say so where a teacher earns less than chance does."""
     space = teacher.spec.action_space
     space.seed(0)
