@@ -9,8 +9,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..experiments.formats import in_markdown
-from ..experiments.statistics import Interval
-from ..experiments.wording import count, given, interval, number
+from ..experiments.wording import count, given, number
 from ..runs.progress import decimals
 from .files import place
 from .front import Front, Point, Spent
@@ -21,10 +20,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _COLUMNS = (
-    "nodes", "rules", "depth", "validation [95 %]", "test", "± std", "road", "steps", "episodes", "seconds",
+    "nodes", "rules", "depth", "validation ± 95 %", "test", "± std", "road", "steps", "episodes", "seconds",
 )  # fmt: skip
-"""Rules are leaves; steps are environment steps, + a teacher's; episodes are those that something was chosen by."""
-_ON_TERMINAL = ("nodes", "rules", "validation [95 %]", "test", "road", "steps", "seconds")
+"""Rules are leaves; ± 95 % is half of the interval of the mean over episodes; steps are environment steps, + a
+teacher's; episodes are those that something was chosen by."""
+_ON_TERMINAL = ("nodes", "rules", "validation ± 95 %", "test", "road", "steps", "seconds")
 _MOST_PLACES = 3
 NONE_SO_SMALL = "none so small"
 
@@ -92,8 +92,10 @@ def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = N
 
 def spent_words(spent: Spent) -> str:
     """What something cost: its steps, its teacher's, episodes to choose by, seconds."""
-    parts = [f"{_short(spent.env_steps)} steps"]
-    parts += [f"teacher {_short(spent.teacher_steps)}"] if spent.teacher_steps else []
+    parts = [
+        f"{_short(spent.env_steps)} steps"
+        + (f" + {_short(spent.teacher_steps)} of a teacher" if spent.teacher_steps else "")
+    ]
     parts += [f"{_short(spent.selection_episodes)} episodes to choose"] if spent.selection_episodes else []
     return ", ".join([*parts, f"{spent.seconds:,.0f} s"])
 
@@ -110,12 +112,13 @@ def _rows(front: Front) -> list[dict[str, str]]:
 
 
 def _cells(point: Point, places: int) -> dict[str, str]:
-    tested, spent, teacher = point.test, point.spent, point.spent.teacher_steps
+    (low, high), tested = point.interval, point.test
+    spent, teacher = point.spent, point.spent.teacher_steps
     return {
         "nodes": str(point.nodes),
         "rules": str(point.tree.n_leaves),
         "depth": str(point.tree.depth),
-        "validation [95 %]": interval(Interval(point.mean, *point.interval), places),
+        "validation ± 95 %": f"{number(point.mean, places)} ± {number((high - low) / 2, places)}",
         "test": "—" if tested is None else number(tested.mean, places),
         "± std": "—" if tested is None else number(tested.std, places),
         "road": point.road,
