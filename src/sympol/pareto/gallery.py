@@ -54,6 +54,7 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
         path = path_of(environment, root)
         there = {front.seed: front for front in load(path)} if path.exists() else {}
         runs = [front for _, front in sorted((there | new).items())]
+        require_one_task(runs)  # two names may make one file's
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(_to_json(runs), encoding="utf-8", newline="\n")
         written.append(path)

@@ -63,6 +63,7 @@ def plot(
         ax = figure.subplots()
         labels = panel(ax, fronts, looks_of(fronts), beside)
         legend_below(figure, [ax])
+        _settle(figure)
         place_labels(ax, labels)
         if path is not None:
             save(figure, Path(path))
@@ -97,8 +98,7 @@ def plot_gallery(
                 ax.set_axis_off()
             for ax, point in zip(row[1:], smallest(fronts[0], trees), strict=False):
                 ax.set_title(f"{point.nodes} nodes: {_returned(point)}")
-        figure.draw_without_rendering()  # a tree is drawn to fit its panel, whose place must be known
-        figure.set_layout_engine("none")
+        _settle(figure)  # a tree is drawn to fit its panel, whose place must be known
         for row, fronts in zip(rows, tasks, strict=True):
             for ax, point in zip(row[1:], smallest(fronts[0], trees), strict=False):
                 _draw_tree(ax, point)
@@ -112,6 +112,15 @@ def plot_gallery(
 def smallest(front: Front, count: int) -> list[Point]:
     """The trees of a front that are drawn beside it: the smallest that decide anything, while they can be read."""
     return [point for point in front.points if 1 < point.nodes <= _DRAWN][:count]
+
+
+def _settle(figure: Figure) -> None:
+    """Fix where the panels are. The solver's last digits are not the same each time; rounded, the file is."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for ax in figure.axes:
+        left, bottom, width, height = np.round(ax.get_position().bounds, 4).tolist()
+        ax.set_position((left, bottom, width, height))
 
 
 def _draw_tree(ax: Axes, point: Point) -> None:
