@@ -45,8 +45,11 @@ def cuts(tree: DecisionTree, observations: Float32[np.ndarray, "steps features"]
     leaf = np.atleast_1d(tree.apply(observations))
     order = np.argsort(leaf, kind="stable")
     seen = _Seen(observations[order], leaf[order], _answers(tree)[leaf[order]])
-    found = [cut for node in np.flatnonzero(~tree.is_leaf).tolist() for cut in _at(tree, node, seen)]
-    return sorted(found, key=lambda cut: (cut.change, -cut.removed))
+    found: dict[tuple[int, DecisionTree], Cut] = {}  # of two leaves the one may be refitted to be the other
+    for node in np.flatnonzero(~tree.is_leaf).tolist():
+        for cut in _at(tree, node, seen):
+            found.setdefault((node, cut.part), cut)
+    return sorted(found.values(), key=lambda cut: (cut.change, -cut.removed))
 
 
 def cut_at(tree: DecisionTree, some: Iterable[Cut]) -> DecisionTree:

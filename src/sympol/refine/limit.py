@@ -1,6 +1,6 @@
 """Training within a limit of size: `Config.max_nodes` and `Config.node_price`.
 
-The first half of a training is free. At the validation after it (`moment`) the best tree so far is pruned by what it
+The first quarter of a training is free. At the validation after it (`moment`) the best tree so far is pruned by what it
 earns (`shrink`), and the training goes on in that shape (`shape`): with the same critic, optimiser and compiled
 program, and with a validation that only knows trees of this shape. Before that moment, whoever asks for the tree gets
 one that is pruned by the same rule, there and then.
@@ -22,8 +22,9 @@ from .arena import make_arena
 from .shape import close
 from .shrink import shrink
 
-FREE = 0.5
-"""The part of a training before the limit is imposed."""
+FREE = 0.25
+"""The part of a training before the limit is imposed. Rollouts and batches grow, so that most updates come early:
+after half of the training too few are left to make up for what pruning cost (docs/small-trees.md)."""
 
 
 def has_limit(config: Config) -> bool:
@@ -59,7 +60,8 @@ def within(tree: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> Deci
 def shaped(state: TrainState, full: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> TrainState:
     """The state that goes on with the best tree so far, pruned, in its shape; nothing of it is validated yet.
 
-    ``full`` is that tree, extracted as a whole.
+    ``full`` is that tree, extracted as a whole. Learning rates that were halved are whole again: there is a new tree
+    to improve.
     """
     best: Any = state.validation.best_actor if config.select_best else state.networks.actor
     small = within(full, spec, config, seed)
@@ -67,6 +69,9 @@ def shaped(state: TrainState, full: DecisionTree, spec: EnvSpec, config: Config,
     shift, scale = (np.asarray(part) for part in state.normalizer)
     actor = close(best, shift, scale, small, spare)
     validation = state.validation._replace(
-        best_return=jnp.float32(-jnp.inf), best_actor=actor, num_bad=jnp.int32(0)
+        best_return=jnp.float32(-jnp.inf),
+        best_actor=actor,
+        num_bad=jnp.int32(0),
+        lr_factor=jnp.float32(1),
     )
     return state._replace(networks=state.networks._replace(actor=actor), validation=validation)

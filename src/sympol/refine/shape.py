@@ -32,18 +32,16 @@ CLOSED = float(np.finfo(np.float32).max)
 def open_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **reading: Any) -> DecisionTree:
     """`extract_tree`, without the closed nodes."""
     thresholds = np.asarray(actor.thresholds)
-    to_left, to_right = ((thresholds == at).all(axis=1) for at in (CLOSED, -CLOSED))
-    bare = np.where((to_left | to_right)[:, None], 0, thresholds)
+    closed = (thresholds == -CLOSED).all(axis=1).astype(int) - (thresholds == CLOSED).all(axis=1)
+    bare = np.where(closed[:, None] == 0, thresholds, 0)
     full = extract_tree(eqx.tree_at(lambda a: a.thresholds, actor, bare), shift, scale, **reading)
+    way = np.append(closed, np.zeros(len(closed) + 1, int))[complete_order(len(closed))]
     left, right = full.children_left.copy(), full.children_right.copy()
-    order = complete_order(len(thresholds))
-    at_leaf = np.zeros(len(thresholds) + 1, bool)
-    goes_left, goes_right = (np.append(closed, at_leaf)[order] for closed in (to_left, to_right))
     in_place = np.arange(full.n_nodes)
     for node in np.flatnonzero(~full.is_leaf)[::-1]:
         left[node], right[node] = in_place[left[node]], in_place[right[node]]
-        if goes_left[node] or goes_right[node]:
-            in_place[node] = left[node] if goes_left[node] else right[node]
+        if way[node]:  # -1 to the left, 1 to the right
+            in_place[node] = left[node] if way[node] < 0 else right[node]
     return packed(full, left, right, int(in_place[0]))
 
 
@@ -62,14 +60,15 @@ def close(actor: Tree, shift: np.ndarray, scale: np.ndarray, small: DecisionTree
     shape.lay(0, 0)
     for _ in range(spare):
         shape.open_one()
-    thresholds, values = np.array(actor.thresholds), np.array(actor.leaf_values)
+    values = np.array(actor.leaf_values)
     for above, answer in shape.ends.items():
         first, last = _leaves_below(above, len(inner))
         alike = (values[first:last] == small.value[answer]).all(axis=1)
         leaf = first + int(np.argmax(alike))  # where none is alike, the first
         values[leaf] = small.value[answer]
         shape.close_between(above, leaf + len(inner))
-    thresholds[shape.way < 0], thresholds[shape.way > 0] = CLOSED, -CLOSED
+    way, thresholds = shape.way[:, None], np.asarray(actor.thresholds)
+    thresholds = np.where(way < 0, np.float32(CLOSED), np.where(way > 0, np.float32(-CLOSED), thresholds))
     made = jnp.asarray(thresholds), jnp.asarray(values)
     return eqx.tree_at(lambda a: (a.thresholds, a.leaf_values), actor, made)
 

@@ -124,11 +124,11 @@ def chain(
     """
     check_limit(smallest, 0.0)
     way = _Way(arena, effort or effort_of(arena), smallest, observations, first_episode)
-    found = [way.begin(tree)]
-    while found[-1].tree.n_nodes > smallest:
+    found: list[Shrunk] = []
+    while not found or found[-1].tree.n_nodes > smallest:
+        found.append(way.forced_step(found[-1]) if found else way.begin(tree))
         if progress is not None:
             progress(found[-1])
-        found.append(way.forced_step(found[-1]))
     return found
 
 
