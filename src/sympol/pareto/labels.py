@@ -16,6 +16,10 @@ _MARK = 4.0
 """Points around a mark that are its own."""
 
 
+_STRAY = 200.0
+"""Pixels squared that a label rather covers than to look like another mark's."""
+
+
 class Label(NamedTuple):
     """Words for a place in a panel."""
 
@@ -35,12 +39,17 @@ def place_labels(ax: Axes, labels: list[Label]) -> None:
     figure.draw_without_rendering()  # a text's size is known once it has been laid out
     pixels = figure.dpi / 72
     taken = _marks(ax, labels, pixels)
-    for label in labels:
+    owners = ax.transData.transform([(np.inf if label.x is None else label.x, label.y) for label in labels])
+    for own, label in enumerate(labels):
         text = ax.text(0, 0, label.words, size=_SIZE, color=label.colour, ha="center", va="center", zorder=5)
         extent = text.get_window_extent()
         half = np.array([extent.width, extent.height]) / 2
         centres = _places(ax, label, half, pixels)
-        best = centres[int(np.argmin([_covered(centre, half, taken, ax) for centre in centres]))]
+        costs = [
+            _covered(centre, half, taken, ax) + _STRAY * _is_astray(centre, half, owners, own)
+            for centre in centres
+        ]
+        best = centres[int(np.argmin(costs))]
         # in the panel's own units, so that it stays there at another resolution
         text.set_transform(ax.transAxes)
         text.set_position(tuple(ax.transAxes.inverted().transform(best)))
@@ -84,6 +93,12 @@ def _places(ax: Axes, label: Label, half: np.ndarray, pixels: float) -> list[np.
     ways = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)])
     gaps = np.array([5, 11, 18, 26]) * pixels
     return [at + way * (half + gap) for gap in gaps for way in ways]
+
+
+def _is_astray(centre: np.ndarray, half: np.ndarray, owners: Float[np.ndarray, "labels 2"], own: int) -> bool:
+    """Whether a label would be nearer to another one's mark than to its own."""
+    away = np.linalg.norm(np.maximum(np.abs(owners - centre) - half, 0), axis=1)
+    return bool(np.isfinite(away[own]) and away[own] > away.min())
 
 
 def _covered(centre: np.ndarray, half: np.ndarray, taken: Float[np.ndarray, "boxes 4"], ax: Axes) -> float:
