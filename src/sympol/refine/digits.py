@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 import numpy as np
 from jaxtyping import Float32
@@ -24,9 +24,6 @@ from .arena import Arena
 from .paired import compare_trees
 from .scores import Scores
 from .shrink import Effort, effort_of
-
-MOST = 9
-"""Digits with which a float32 can always be told from its neighbours."""
 
 
 def round_thresholds(
@@ -72,7 +69,8 @@ def round_thresholds(
 
 def digits_of(x: float) -> int:
     """Significant digits that a float32 needs to be told from all others; 0 needs none."""
-    return len(f"{shortest(x):.16e}".split("e")[0].replace(".", "").lstrip("-").strip("0"))
+    number = Decimal(repr(shortest(x))).normalize()
+    return len(number.as_tuple().digits) if number else 0
 
 
 def _numbers(tree: DecisionTree) -> list[int]:
@@ -81,7 +79,13 @@ def _numbers(tree: DecisionTree) -> list[int]:
 
 
 def _unnoticed(tree: DecisionTree, seen: Float32[np.ndarray, "steps features"]) -> DecisionTree:
-    """With the fewest digits that send all observations the same way; of equally many the nearest."""
+    """With the fewest digits that send all observations the same way, of equally many the nearest.
+
+    And with answers as they are given: what lies beyond the bounds of actions is done at them.
+    """
+    if isinstance(tree.actions, BoxActions):
+        answers = tree.actions.decide(tree.value).reshape(tree.value.shape)
+        tree = replace(tree, value=np.where(tree.is_leaf[:, None], answers, 0), n_node_samples=None)
     come_by = tree.decision_path(seen).T
     for node in _numbers(tree):
         threshold = float(tree.threshold[node])
@@ -98,7 +102,7 @@ def _shorter(x: float) -> Iterator[float]:
     exact = shortest(x)
     if exact:
         yield 0.0
-    for digits in range(1, min(digits_of(x), MOST + 1)):
+    for digits in range(1, digits_of(x)):
         ends = [Context(prec=digits, rounding=way).create_decimal(repr(exact)) for way in _WAYS]
         yield from sorted((float(end) for end in ends), key=lambda end: abs(end - exact))
 
@@ -113,10 +117,9 @@ def _with_threshold(tree: DecisionTree, node: int, threshold: float) -> Decision
 
 
 def _shorter_answers(tree: DecisionTree, leaf: int) -> Iterator[DecisionTree]:
-    """With the answer of a leaf rounded to no digit, to one, …: what is done beyond the bounds is done at them."""
-    answer = tree.actions.decide(tree.value[[leaf]]).reshape(-1)
-    longest = max(digits_of(x) for x in answer.tolist())
-    for digits in range(longest):
+    """With the answer of a leaf rounded to no digit, to one, …."""
+    answer = tree.value[leaf].tolist()
+    for digits in range(max(map(digits_of, answer))):
         value = tree.value.copy()
-        value[leaf] = [float(f"{shortest(x):.{digits - 1}e}") if digits else 0.0 for x in answer.tolist()]
+        value[leaf] = [float(f"{shortest(x):.{digits - 1}e}") if digits else 0.0 for x in answer]
         yield replace(tree, value=value, n_node_samples=None)
