@@ -10,7 +10,7 @@ from gymnasium.spaces import Box, MultiDiscrete
 
 from sympol.distill import METHODS, Demonstrations, Teacher, demonstrations, distill, imitate
 from sympol.distill.dagger import dagger, draw_uniformly
-from sympol.distill.imitate import Candidate, best_of, iteration_seed
+from sympol.distill.imitate import Candidate, best_of, on_gymnasium, iteration_seed
 from sympol.distill.sa_dt import sa_dt
 from sympol.distill.viper import draw_by_loss, losses, viper
 from sympol.play import episode_seed, play
@@ -82,10 +82,10 @@ def test_of_the_best_candidates_validation_chooses_and_among_equals_the_later():
     teacher = Teacher.from_callable(lambda o: 1, spec)
     good, bad, also_good = always(1, spec), always(0, spec), always(1, spec)
     lucky = [Candidate(9, bad)] * 4
-    assert best_of([Candidate(1, good), *lucky], teacher, 2, 0) is good
-    assert best_of([Candidate(1, good), *lucky, Candidate(9, bad)], teacher, 2, 0) is bad  # no finalist
+    assert best_of([Candidate(1, good), *lucky], on_gymnasium(teacher), 2, 0) is good
+    assert best_of([Candidate(1, good), *lucky, Candidate(9, bad)], on_gymnasium(teacher), 2, 0) is bad  # no finalist
     assert (
-        best_of([Candidate(1, good), Candidate(1, bad), Candidate(1, also_good)], teacher, 2, 0) is also_good
+        best_of([Candidate(1, good), Candidate(1, bad), Candidate(1, also_good)], on_gymnasium(teacher), 2, 0) is also_good
     )
 
 

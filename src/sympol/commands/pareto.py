@@ -14,7 +14,6 @@ from typing import Annotated, Literal
 import tyro
 
 from ..envs.registry import resolve
-from ..experiments.workers import TasksFailed
 from ..experiments.workers.threads import use_one_thread
 from ..pareto.files import fields_of, point_fields
 from ..pareto.front import Front
@@ -26,7 +25,7 @@ from ..pareto.words import next_steps, spent_words, table
 from ..runs.about import RunError
 from .arguments import Text
 from .parse import env_kwargs, parse
-from .say import err, one_line_errors, out, print_error, warnings_in_one_line
+from .say import err, one_line_errors, out, warnings_in_one_line
 
 PICTURE = "front.svg"
 
@@ -108,6 +107,10 @@ def pareto(arguments: Sequence[str]) -> int:
         islands=given.islands,
         eval_episodes=given.eval_episodes,
     )
+    if plan.teacher and not Path(plan.teacher).exists():
+        raise RunError(
+            f"there is no teacher {plan.teacher!r}; give a run's folder or the zip of a stable-baselines3 model"
+        )
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
     folder = given.out or Path("runs") / f"{_safe(spec.name)}-front-{given.seed}"
     if given.overwrite and (folder / "plan.json").exists():
@@ -125,10 +128,6 @@ def pareto(arguments: Sequence[str]) -> int:
             f"stopped; the same command goes on, as long as {shlex.quote(str(folder))} is there", markup=False
         )
         return 130
-    except TasksFailed as failed:
-        for failure in failed.failures:
-            print_error(RunError(f"{failure.task.name}: {failure.reason}"))
-        return 1
     _show(front, folder, as_json=given.json)
     return 0
 

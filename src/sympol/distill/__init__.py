@@ -46,7 +46,7 @@ def distill(
         depth: Most comparisons before an answer.
         seed: The same seed gives the same tree, bit for bit.
         options: The method's own: ``num_episodes`` of sa_dt; ``num_iterations``, ``episodes_per_iteration``,
-            ``max_samples``, ``num_validation_episodes`` and ``progress`` of viper and dagger.
+            ``max_samples``, ``num_validation_episodes``, ``progress`` and ``play_tree`` of viper and dagger.
 
     Raises:
         ValueError: no such method, an option that it lacks, or whatever the method refuses.

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..trees import DecisionTree
 from .dataset import Demonstrations
-from .imitate import Progress, Schedule, imitate
+from .imitate import Play, Progress, Schedule, imitate
 from .teacher import Teacher
 
 
@@ -19,6 +19,7 @@ def dagger(
     num_validation_episodes: int = 20,
     seed: int = 0,
     progress: Progress | None = None,
+    play_tree: Play | None = None,
 ) -> DecisionTree:
     """Fit trees on all states that the teacher and earlier trees came by (Ross et al. 2011); return the best.
 
@@ -31,7 +32,15 @@ def dagger(
         ImportError: scikit-learn is not installed.
     """
     schedule = Schedule(num_iterations, episodes_per_iteration, max_samples, num_validation_episodes)
-    return imitate(teacher, schedule, depth=depth, seed=seed, draw=draw_uniformly, progress=progress)
+    return imitate(
+        teacher,
+        schedule,
+        depth=depth,
+        seed=seed,
+        draw=draw_uniformly,
+        progress=progress,
+        play_tree=play_tree,
+    )
 
 
 def draw_uniformly(collected: Demonstrations, at_most: int, rng: np.random.Generator) -> Demonstrations:

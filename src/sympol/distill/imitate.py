@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..play import play
+from ..play import Episodes, Purpose, play
 from ..trees import DecisionTree
 from .cart import fit_cart
 from .dataset import Demonstrations, Losses, labelled, require_positive, require_seed
@@ -17,6 +17,9 @@ from .teacher import Teacher
 Draw: TypeAlias = Callable[[Demonstrations, int, np.random.Generator], Demonstrations]
 """From all demonstrations, and how many there may be at most, to those that the next tree is fitted on."""
 
+
+Play: TypeAlias = Callable[[DecisionTree, int, int, Purpose], Episodes]
+"""A tree in so many episodes out of a seed, to learn from or to choose by; with another seed or purpose, others."""
 
 FINALISTS = 5
 """Of how many trees, those that did best while they collected, the validation episodes choose one."""
@@ -69,24 +72,26 @@ def imitate(
     draw: Draw,
     losses: Losses | None = None,
     progress: Progress | None = None,
+    play_tree: Play | None = None,
 ) -> DecisionTree:
     """Aggregate demonstrations (DAgger, Ross et al. 2011) and return the best of the trees fitted on them.
 
     The teacher plays the first episodes, then each tree plays those that the next one learns from besides all
     earlier ones; the teacher says what it would have done. Every tree plays once more than the last one learns, so
     that each has a mean return on episodes new to it; the best few of them then play the same validation episodes,
-    which nothing learns from and which alone decide.
+    which nothing learns from and which alone decide. Trees play on Gymnasium, or by ``play_tree``.
     """
     require_positive(depth=depth)
     require_seed(seed)
     spec, num_episodes = teacher.spec, schedule.episodes_per_iteration
+    play_tree = play_tree or on_gymnasium(teacher)
     played = play(teacher, spec, num_episodes, seed=seed, purpose="distill")
     collected = labelled(teacher, played.observations, losses)
     candidates: list[Candidate] = []
     for i in range(1, schedule.num_iterations + 1):
         sample = draw(collected, schedule.max_samples, np.random.default_rng([seed, i]))
         tree = fit_cart(sample.observations, sample.actions, spec, depth=depth, seed=seed)
-        played = play(tree, spec, num_episodes, seed=iteration_seed(seed, i), purpose="distill")
+        played = play_tree(tree, num_episodes, iteration_seed(seed, i), "distill")
         candidates.append(Candidate(float(played.returns.mean()), tree))
         if progress is not None:
             best = max(candidate.mean_return for candidate in candidates)
@@ -94,10 +99,15 @@ def imitate(
             progress(Iteration(*done))
         if i < schedule.num_iterations:
             collected = collected.joined(labelled(teacher, played.observations, losses))
-    return best_of(candidates, teacher, schedule.num_validation_episodes, seed)
+    return best_of(candidates, play_tree, schedule.num_validation_episodes, seed)
 
 
-def best_of(candidates: Sequence[Candidate], teacher: Teacher, num_episodes: int, seed: int) -> DecisionTree:
+def on_gymnasium(teacher: Teacher) -> Play:
+    """Where the teacher acts."""
+    return lambda tree, number, seed, purpose: play(tree, teacher.spec, number, seed=seed, purpose=purpose)
+
+
+def best_of(candidates: Sequence[Candidate], play_tree: Play, num_episodes: int, seed: int) -> DecisionTree:
     """The finalist with the highest mean return over validation episodes, the same ones for all.
 
     Between equals the later one wins: it has seen more.
@@ -105,8 +115,7 @@ def best_of(candidates: Sequence[Candidate], teacher: Teacher, num_episodes: int
     later_first = candidates[::-1]
     finalists = sorted(later_first, key=lambda candidate: -candidate.mean_return)[:FINALISTS]
     returns = [
-        play(finalist.tree, teacher.spec, num_episodes, seed=seed, purpose="validation").returns.mean()
-        for finalist in finalists
+        play_tree(finalist.tree, num_episodes, seed, "validation").returns.mean() for finalist in finalists
     ]
     return finalists[int(np.argmax(returns))].tree
 

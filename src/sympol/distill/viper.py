@@ -8,7 +8,7 @@ from jaxtyping import Float64
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions, MultiDiscreteActions
 from .dataset import Demonstrations
-from .imitate import Progress, Schedule, imitate
+from .imitate import Play, Progress, Schedule, imitate
 from .teacher import Teacher
 
 
@@ -21,6 +21,7 @@ def viper(
     num_validation_episodes: int = 20,
     seed: int = 0,
     progress: Progress | None = None,
+    play_tree: Play | None = None,
 ) -> DecisionTree:
     """Fit trees, as `dagger` does, on states drawn in proportion to what acting wrongly there may cost.
 
@@ -54,6 +55,7 @@ def viper(
         draw=draw_by_loss,
         losses=lambda x: losses(teacher, x),
         progress=progress,
+        play_tree=play_tree,
     )
 
 

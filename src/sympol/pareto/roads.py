@@ -23,11 +23,12 @@ from ..agents import PPO, Agent, Callback, Report, load
 from ..algos.start import Start
 from ..compilation import use_disk_cache
 from ..distill import Teacher, load_sb3
+from ..distill.imitate import Play
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..experiments.workers import Task
-from ..play import play
-from ..refine.arena import make_arena
+from ..play import Episodes, Purpose, play
+from ..refine.arena import Arena, make_arena
 from ..refine.evolve import Budget, Heat, evolve
 from ..refine.shrink import chain
 from ..runs.checkpoint import write_atomically
@@ -129,7 +130,7 @@ def _teacher(site: Site) -> None:
     _warn_of_poor_teacher(asked)
     arena, found, full = make_arena(site.spec, site.seed), [], []
     for depth in _depths(site):
-        full.append(_distilled(teacher, asked, depth, site.seed))
+        full.append(_distilled(teacher, asked, depth, site.seed, arena))
         found += _chain(site, full[-1], "teacher", cost, began)
         keep(site.folder, found, finished=False)
         if left() < 0.35 * site.share.seconds:
@@ -208,11 +209,24 @@ def _chain(site: Site, tree: DecisionTree, road: str, spent: Spent, began: float
     return [Found(one.tree, f"{road} + shrink" if i else road, cost) for i, one in enumerate(smaller)]
 
 
-def _distilled(policy: Any, teacher: Teacher, depth: int, seed: int) -> DecisionTree:
+def _distilled(policy: Any, teacher: Teacher, depth: int, seed: int, arena: Arena) -> DecisionTree:
     method = default_method(policy, teacher)
     if method == DISCRETIZE:
         return distill_policy(policy, method, env=teacher.spec)
-    return distill_policy(policy, method, depth, env=teacher.spec, seed=seed, num_iterations=ITERATIONS)
+    options = {"num_iterations": ITERATIONS, "play_tree": _player(arena)}
+    return distill_policy(policy, method, depth, env=teacher.spec, seed=seed, **options)
+
+
+def _player(arena: Arena) -> Play:
+    """The arena as distillation plays trees: on episodes far from those that pruning plays."""
+
+    def play_tree(tree: DecisionTree, number: int, seed: int, purpose: Purpose) -> Episodes:
+        word = int(np.random.SeedSequence([seed, purpose == "distill"]).generate_state(1)[0])
+        episodes = range(first := (1 + word % 2**20) << 10, first + number)
+        played = arena.play([tree], episodes)
+        return Episodes(played.returns[0], played.lengths[0], arena.observe(tree, episodes))
+
+    return play_tree
 
 
 def _depths(site: Site) -> Sequence[int]:

@@ -1,0 +1,199 @@
+"""A search from its plan to its front: for real, on CartPole, and what happens when it is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+from sympol import DecisionTree
+from sympol.cli import main
+from sympol.distill import Teacher
+from sympol.envs.registry import resolve
+from sympol.pareto.found import FILE, Found, keep, kept
+from sympol.pareto.front import Front, Spent
+from sympol.pareto.plan import Plan
+from sympol.pareto.roads import _warn_of_poor_teacher
+from sympol.pareto.search import begin, search
+from sympol.play import play
+from sympol.runs.about import RunError
+
+from ..tiny import refused
+
+SPEC = resolve("CartPole-v1")
+QUICK = Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="3M steps", islands=1, eval_episodes=20)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("front") / "quick"
+    return search(QUICK, folder), folder
+
+
+def test_a_front_is_found_and_each_point_is_better_than_the_smaller_ones(quick):
+    front, _ = quick
+    means = [point.mean for point in front.points]
+    assert means == sorted(means)
+    assert front.points[0].nodes == 1
+    assert front.points[-1].nodes <= 5
+    assert front.best().test.mean > 150  # a leaf earns nine
+    assert front.spent.env_steps >= 3_000_000
+    assert front.spent.selection_episodes > 0
+
+
+def test_returns_of_the_test_are_those_of_its_episodes(quick):
+    front, _ = quick
+    for point in front.points:
+        assert point.test.mean == play(point.tree, SPEC, 20, seed=1).returns.mean()
+
+
+def test_it_is_kept_and_read_again(quick):
+    front, folder = quick
+    assert Front.load(folder).points == front.points
+    assert search(QUICK, folder).points == front.points  # nothing is searched again
+
+
+def test_a_point_is_a_run_as_any_other(quick, capsys):
+    front, folder = quick
+    run = folder / "points" / f"{front.points[-1].nodes:03d}-nodes"
+    assert main(["show", str(run)]) == 0
+    assert "├─" in capsys.readouterr().out
+    assert DecisionTree.from_json((run / "policy.json").read_text()) == front.points[-1].tree
+
+
+def test_with_a_budget_in_steps_it_finds_the_same_front_again(quick, tmp_path):
+    front, _ = quick
+    again = search(QUICK, tmp_path / "again")
+    assert [point.tree for point in again.points] == [point.tree for point in front.points]
+
+
+@pytest.mark.slow
+def test_all_roads_lead_to_a_front(tmp_path):
+    plan = Plan("CartPole-v1", max_nodes=15, budget="6M steps", trainings=1, islands=1, eval_episodes=20)
+    front = search(plan, tmp_path / "all")
+    roads = {candidate.road for candidate in front.candidates}
+    assert {"scratch", "scratch + shrink", "teacher", "teacher + ppo", "scratch + teacher + evolve"} <= roads
+    assert front.best().test.mean > 450
+    assert front.spent.teacher_steps > 0
+    for run in ("scratch/0/run", "teacher/0/teacher", "teacher/0/tuned"):
+        assert (tmp_path / "all" / run / "summary.json").exists()
+
+
+@pytest.mark.slow
+def test_a_killed_search_goes_on_where_it_was(tmp_path):
+    folder, plan = tmp_path / "front", Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="40M steps")
+    command = [sys.executable, "-m", "sympol.cli", "pareto", "CartPole-v1", "--max-nodes", "5"]
+    command += ["--roads", "evolve", "--budget", "40M steps", "--workers", "1", "--out", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    file = folder / "evolve" / "0" / FILE
+    for _ in range(1200):
+        if file.exists() or process.poll() is not None:
+            break
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before, finished = kept(file.parent)
+    assert before
+    assert not finished
+    front = search(plan, folder)
+    after, finished = kept(file.parent)
+    assert finished
+    assert after[-1].spent.env_steps >= plan.steps * plan.share("evolve") / plan.islands
+    assert after[-1].spent.env_steps < 1.5 * plan.steps * plan.share("evolve") / plan.islands
+    assert front.best().test.mean > 400
+
+
+def test_another_plan_or_another_folder_is_refused(quick, tmp_path):
+    _, folder = quick
+    with pytest.raises(RunError, match=r"holds a search with max_nodes 5, not 7.*--overwrite"):
+        begin(
+            Plan(
+                "CartPole-v1", max_nodes=7, roads=("evolve",), budget="3M steps", islands=1, eval_episodes=20
+            ),
+            folder,
+        )
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(RunError, match="is no search"):
+        begin(QUICK, tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_what_a_road_found_is_kept_to_the_bit(tmp_path):
+    tree = DecisionTree.from_complete(
+        np.array([2]), np.array([0.1]), np.array([[1.0, 0.0], [0.0, 1.0]]),
+        actions=SPEC.actions, **SPEC.features.reading(),
+    )  # fmt: skip
+    found = [Found(tree, "scratch", Spent(3, 4, 5, 6.5))]
+    keep(tmp_path, found, finished=False)
+    assert kept(tmp_path) == (found, False)
+    assert kept(tmp_path / "nowhere") == ([], False)
+    content = json.loads((tmp_path / FILE).read_text())
+    content["found"][0]["tree"]["nodes"] = "gone"
+    del content["found"][0]["road"]
+    (tmp_path / FILE).write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"cannot be read.*search again"):
+        kept(tmp_path)
+
+
+def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
+    poor = Teacher.from_callable(lambda x: 1, SPEC)
+    with pytest.warns(UserWarning, match=r"earns 9\.\d, less than a random policy does, \d\d\.\d"):
+        _warn_of_poor_teacher(poor)
+    good = Teacher.from_callable(lambda x: int(x[2] + x[3] > 0), SPEC)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _warn_of_poor_teacher(good)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--max-nodes", "8"], "max_nodes must be odd"),
+        (["--budget", "soon"], "budget must be a time"),
+        (["--workers", "-1"], "--workers must be at least 1"),
+        (["--teacher", "nowhere"], "there is no teacher 'nowhere'"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words, tmp_path, capsys):
+    assert words in refused(capsys, "pareto", "CartPole-v1", "--out", tmp_path / "front", *arguments)
+    assert not (tmp_path / "front").exists()
+
+
+def test_the_command_shows_the_front(tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "sympol.cli",
+        "pareto",
+        "CartPole-v1",
+        "--max-nodes",
+        "3",
+        "--roads",
+        "evolve",
+    ]
+    command += [
+        "--budget",
+        "500k steps",
+        "--islands",
+        "1",
+        "--eval-episodes",
+        "5",
+        "--out",
+        str(tmp_path / "f"),
+    ]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "80"}
+    )
+    assert done.returncode == 0, done.stderr
+    assert "validation ± 95 %" in done.stdout
+    assert f"sympol show {tmp_path}" in done.stdout
+    assert (tmp_path / "f" / "front.svg").stat().st_size > 1000
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
+    assert json.loads(done.stdout)["environment"] == "CartPole-v1"
