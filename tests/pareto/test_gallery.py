@@ -50,6 +50,11 @@ def test_an_environments_name_is_no_path(tmp_path):
     assert sorted(runs[0].environment for runs in load_all(tmp_path)) == sorted(names)
 
 
+def test_what_was_found_on_a_seed_for_searches_is_not_reported(tmp_path):
+    with pytest.raises(ValueError, match="from 0 to 999, got 1000"):
+        keep([ladder(1000)], tmp_path)
+
+
 def test_two_tasks_do_not_share_a_file(tmp_path):
     keep([ladder(0, environment="a/b")], tmp_path)
     with pytest.raises(FrontError, match="one task"):

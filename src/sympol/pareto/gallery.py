@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..experiments.plain_json import dumps
+from ..experiments.seeds import require_training_seed
 from ..trees import DecisionTree
 from .files import fields_of, front_from, point_fields, read_json
 from .front import Front, FrontError, Point
@@ -43,12 +44,13 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
 
     Raises:
         FrontError: a front was not tested, or a file there is damaged.
+        ValueError: a seed that is for searches, not for reports (`experiments.seeds`).
     """
     by_task: dict[str, dict[int, Front]] = {}
     for front in fronts:
         if any(point.test is None for point in front.points):
             raise FrontError(f"the front of {front.environment} was not tested; what is kept must be")
-        by_task.setdefault(front.environment, {})[front.seed] = front
+        by_task.setdefault(front.environment, {})[require_training_seed(front.seed)] = front
     written = []
     for environment, new in by_task.items():
         path = path_of(environment, root)
@@ -153,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         kept = keep([Front.load(folder) for folder in given.folders], given.root)
         tasks = load_all(given.root)
         written = write_docs(tasks, given.root / "docs")
-    except (FrontError, OSError) as error:
+    except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(readme(tasks) if given.readme else "\n".join(map(str, [*kept, *written])))
