@@ -63,6 +63,14 @@ def test_roads_are_told_apart_without_colours():
     assert looks_of([*again, *runs]) == looks
 
 
+def test_what_was_tried_lies_faintly_behind():
+    tried = [Candidate(3, 350.0, "teacher"), Candidate(9, 390.0, "scratch"), Candidate(11, 410.0, "scratch")]
+    run = front([point(1, 300), point(31, 500)], candidates=tuple(tried))
+    ax = plot(run, beside=[]).axes[0]
+    faint = [tuple(at) for line in ax.lines if line.get_alpha() for at in line.get_xydata()]
+    assert sorted(faint) == sorted((nodes, mean) for nodes, mean, _ in tried)
+
+
 def test_what_lies_far_below_is_said_in_words():
     rows = [(1, -500.0), (3, -84.0), (11, -83.5), (15, -83.0), (19, -81.0)]
     run = front([point(*row) for row in rows], candidates=(Candidate(5, -499.0, "scratch"),))

@@ -93,15 +93,18 @@ def plot_gallery(
         rows = figure.subplots(len(tasks), 1 + trees, squeeze=False, width_ratios=widths)
         panels = [(row[0], panel(row[0], fronts, looks)) for row, fronts in zip(rows, tasks, strict=True)]
         legend_below(figure, [ax for ax, _ in panels])
-        for row, fronts in zip(rows, tasks, strict=True):
-            for ax in row[1:]:
-                ax.set_axis_off()
-            for ax, point in zip(row[1:], smallest(fronts[0], trees), strict=False):
-                ax.set_title(f"{point.nodes} nodes: {_returned(point)}")
+        beside = [
+            (ax, point)
+            for row, fronts in zip(rows, tasks, strict=True)
+            for ax, point in zip(row[1:], smallest(fronts[0], trees), strict=False)
+        ]
+        for ax in rows[:, 1:].flat:
+            ax.set_axis_off()
+        for ax, point in beside:
+            ax.set_title(f"{point.nodes} nodes: {_returned(point)}")
         _settle(figure)  # a tree is drawn to fit its panel, whose place must be known
-        for row, fronts in zip(rows, tasks, strict=True):
-            for ax, point in zip(row[1:], smallest(fronts[0], trees), strict=False):
-                _draw_tree(ax, point)
+        for ax, point in beside:
+            _draw_tree(ax, point)
         for ax, labels in panels:
             place_labels(ax, labels)
         if path is not None:
@@ -150,7 +153,7 @@ def panel(
     right = _nodes_axis(ax, fronts, others)
     bottom = _returns_axis(ax, fronts, others)
     for front in fronts:
-        _candidates(ax, front, looks, bottom)
+        _candidates(ax, front, looks)
         _steps(ax, front.points, right, faint=len(fronts) > 1)
         for point in front.points:
             _point(ax, point, looks[point.road], bottom)
@@ -188,17 +191,13 @@ def _returns_axis(ax: Axes, fronts: Sequence[Front], others: Sequence[Reference]
     return bottom - room
 
 
-def _candidates(ax: Axes, front: Front, looks: Looks, bottom: float) -> None:
+def _candidates(ax: Axes, front: Front, looks: Looks) -> None:
     for road in dict.fromkeys(candidate.road for candidate in front.candidates):
-        seen = [(c.nodes, c.mean) for c in front.candidates if c.road == road and c.mean > bottom]
+        tried = [
+            (candidate.nodes, candidate.mean) for candidate in front.candidates if candidate.road == road
+        ]
         look = looks[road]
-        ax.plot(
-            *np.transpose(seen or [(np.nan, np.nan)]),
-            look.marker,
-            color=look.colour,
-            alpha=0.15,
-            markersize=3,
-        )
+        ax.plot(*np.transpose(tried), look.marker, color=look.colour, alpha=0.15, markersize=3)
 
 
 def _steps(ax: Axes, points: Sequence[Point], right: float, *, faint: bool) -> None:
