@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from jaxtyping import Float32, Int32
 
+from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
-from ..trees import DecisionTree
+from ..trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions
 
 Purpose: TypeAlias = Literal["refine", "validation"]
 """Episodes to search with, and others to choose with; neither are ever test episodes."""
+_MAX_EPISODES = 1 << 31
 
 
 class Played(NamedTuple):
@@ -30,9 +32,19 @@ class Played(NamedTuple):
 
 
 class Arena(abc.ABC):
-    """Plays trees on numbered episodes of one environment, deterministically, and counts what that costs."""
+    """Plays trees on numbered episodes of one environment, deterministically, and counts what that costs.
+
+    Raises:
+        ValueError: a seed or a purpose that there is not.
+    """
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
+        if not 0 <= seed < 1 << 32:
+            raise ValueError(f"an arena's seed must be between 0 and 2^32 - 1, got {seed}")
+        if purpose not in get_args(Purpose):
+            raise ValueError(
+                f"an arena's purpose must be one of {', '.join(get_args(Purpose))}, got {purpose!r}"
+            )
         self.spec, self.seed = spec, seed
         self.purpose: Purpose = purpose
         self.steps = 0
@@ -43,31 +55,49 @@ class Arena(abc.ABC):
 
         Raises:
             ValueError: no trees, no episodes, or a tree for other features or actions.
+            EnvironmentFailure: a return that is not finite.
         """
-        if not trees or not episodes:
-            raise ValueError(
-                f"an arena needs trees and episodes, got {len(trees)} trees and {len(episodes)} episodes"
-            )
-        for tree in trees:
-            if tree.n_features != len(self.spec.features.names) or tree.actions.n_outputs != self.outputs:
-                raise ValueError(
-                    f"a tree of {tree.n_features} features and {tree.actions.n_outputs} outputs cannot play "
-                    f"{self.spec.name}, which has {len(self.spec.features.names)} and {self.outputs}"
-                )
+        self._check(trees, episodes)
         played = self._play(trees, episodes)
         self.steps += int(played.lengths.sum(dtype=np.int64))
+        if not np.isfinite(played.returns).all():
+            tree, episode = np.argwhere(~np.isfinite(played.returns))[0]
+            raise EnvironmentFailure(
+                f"{self.spec.name} returned rewards whose sum is not finite in float32: tree {tree} in episode "
+                f"{episodes[episode]} got {played.returns[tree, episode]}"
+            )
         return played
 
     def observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
-        """The observations that a tree acts on in these episodes, one row a step."""
+        """The observations that a tree acts on in these episodes, one row a step, one episode after the other.
+
+        Raises:
+            ValueError: as `play` does.
+        """
+        self._check([tree], episodes)
         seen = self._observe(tree, episodes)
         self.steps += len(seen)
         return seen
 
-    @property
-    def outputs(self) -> int:
-        """Numbers in a leaf."""
-        return self.spec.actions.n_outputs
+    def _check(self, trees: Sequence[DecisionTree], episodes: range) -> None:
+        if not trees or not episodes:
+            raise ValueError(
+                f"an arena needs trees and episodes, got {len(trees)} trees and {len(episodes)} episodes"
+            )
+        if episodes.step != 1 or not 0 <= episodes.start < episodes.stop <= _MAX_EPISODES:
+            raise ValueError(
+                f"episodes must be consecutive numbers between 0 and {_MAX_EPISODES - 1}, got {episodes}"
+            )
+        for tree in trees:
+            if tree.n_features != len(self.spec.features.names):
+                raise ValueError(
+                    f"a tree of {tree.n_features} features cannot play {self.spec.name}, which has "
+                    f"{len(self.spec.features.names)}"
+                )
+            if tree.actions is not self.spec.actions and _plain(tree.actions) != _plain(self.spec.actions):
+                raise ValueError(
+                    f"a tree that acts by {tree.actions} cannot play {self.spec.name}: {self.spec.actions}"
+                )
 
     @abc.abstractmethod
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played: ...
@@ -85,3 +115,10 @@ def make_arena(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Arena:
     from .hosted import HostArena
 
     return HostArena(spec, seed, purpose)
+
+
+def _plain(actions: ActionSpec) -> tuple[object, ...]:
+    """What actions are, whatever they are called and whatever their noise."""
+    if isinstance(actions, BoxActions):
+        return actions.low, actions.high, actions.shape
+    return actions.n if isinstance(actions, DiscreteActions) else actions.nvec, actions.start

@@ -26,8 +26,11 @@ from ..trees.floats import flushed
 from .arena import Arena, Played, Purpose
 from .packed import Packed
 
-CROWD = 64
-"""Episodes that begin together; and when fewer than that are going on, the next ones do. Larger pools step slower."""
+CROWD = 128
+"""Episodes that begin together, and when fewer than that are going on, the next ones do.
+
+Larger pools of envpool's step slower, smaller ones are more often left with few copies.
+"""
 
 
 class Moved(NamedTuple):
