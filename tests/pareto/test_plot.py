@@ -101,10 +101,53 @@ def test_labels_cover_neither_each_other_nor_marks(environment, runs):
             assert not box.contains(*at), words
 
 
+def test_where_there_is_room_a_label_is_right_beside_its_mark():
+    others = [Reference("one", 350, 3), Reference("other", 320, 31), Reference("third", 450, 127)]
+    figure = plot(front([point(1, 300), point(63, 500)]), beside=others)
+    ax = figure.axes[0]
+    FigureCanvasAgg(figure).draw()
+    for other in others:
+        mark = ax.transData.transform((other.nodes, other.mean))
+        [box] = [t.get_window_extent() for words, t in words_of(ax).items() if words.startswith(other.label)]
+        assert np.linalg.norm(np.clip(mark, box.min, box.max) - mark) < 8 * figure.dpi / 72, other
+    assert not [line for line in ax.lines if line.get_gid() == "leader"]
+
+
+def test_a_label_that_stands_apart_is_led_to_its_mark():
+    # so crowded that not all have room beside what they are of
+    crowd = [Reference(f"rather long a name {i}", 400 + i, 15) for i in range(8)]
+    figure = plot(front([point(1, 300), point(31, 500)]), beside=crowd)
+    ax = figure.axes[0]
+    FigureCanvasAgg(figure).draw()
+    leaders = [
+        line.get_transform().transform(line.get_xydata()) for line in ax.lines if line.get_gid() == "leader"
+    ]
+    assert leaders
+    for other in crowd:
+        mark = ax.transData.transform((other.nodes, other.mean))
+        [box] = [
+            t.get_window_extent() for words, t in words_of(ax).items() if words.startswith(f"{other.label} ")
+        ]
+        near = np.clip(mark, box.min, box.max)
+        if np.linalg.norm(near - mark) > 10 * figure.dpi / 72:
+            assert any(np.allclose(line, [mark, near], atol=2) for line in leaders), other
+
+
+@pytest.mark.parametrize("roads", [1, 5, 9])
+def test_the_legend_is_inside_the_picture(roads):
+    points = [point(2 * i + 1, i, road=f"teacher + shrink + evolve {i}") for i in range(roads)]
+    figure = plot([front(points, seed=seed) for seed in range(2)], beside=[])
+    FigureCanvasAgg(figure).draw()
+    [legend] = figure.legends
+    assert len(legend.get_texts()) == roads + 1
+    assert figure.bbox.contains(*legend.get_window_extent().min)
+    assert figure.bbox.contains(*legend.get_window_extent().max)
+
+
 def test_of_several_runs_the_mean_of_tests_is_drawn():
     runs = [ladder(seed, shift=10.0 * seed) for seed in range(3)]
     ax = plot(runs, beside=[]).axes[0]
-    [mean] = data_of(ax, "test, mean of all runs and its 95 % interval")
+    [mean] = data_of(ax, "test: mean of runs, 95 %")
     assert mean[0].tolist() == [1, 18]
     assert mean[-1, 1] == 509
     assert ax.get_ylabel() == "return"
@@ -112,7 +155,7 @@ def test_of_several_runs_the_mean_of_tests_is_drawn():
 
 def test_runs_that_were_not_tested_have_no_mean():
     runs = [front([point(1, 5, test=np.nan)], seed=seed) for seed in range(2)]
-    assert not data_of(plot(runs, beside=[]).axes[0], "test, mean of all runs and its 95 % interval")
+    assert not data_of(plot(runs, beside=[]).axes[0], "test: mean of runs, 95 %")
 
 
 @pytest.mark.parametrize("suffix", [".svg", ".pdf", ".png"])

@@ -92,13 +92,17 @@ def panels(rows: int, columns: int, *, height: float = PANEL[1]) -> tuple[Figure
     return figure, figure.subplots(rows, columns, squeeze=False).tolist()
 
 
-def legend_below(figure: Figure, axes: Iterable[Axes]) -> None:
-    """One legend for all panels, each name once."""
+def legend_below(figure: Figure, axes: Iterable[Axes], columns: int = 4) -> None:
+    """One legend for all panels, each name once, in at most so many columns."""
     found = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     if found:
         figure.legend(
-            found.values(), found.keys(), loc="outside lower center", ncols=min(4, len(found)), handlelength=3
+            found.values(),
+            found.keys(),
+            loc="outside lower center",
+            ncols=min(columns, len(found)),
+            handlelength=3,
         )

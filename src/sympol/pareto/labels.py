@@ -16,6 +16,8 @@ _MARK = 4.0
 """Points around a mark that are its own."""
 
 
+_FAR = 8.0
+"""Points from a mark from which on a label is led to it."""
 _STRAY = 200.0
 """Pixels squared that a label rather covers than to look like another mark's."""
 
@@ -53,7 +55,16 @@ def place_labels(ax: Axes, labels: list[Label]) -> None:
         # in the panel's own units, so that it stays there at another resolution
         text.set_transform(ax.transAxes)
         text.set_position(tuple(ax.transAxes.inverted().transform(best)))
+        near = np.clip(owners[own], best - half, best + half)
+        if _FAR * pixels < np.linalg.norm(near - owners[own]) < np.inf:
+            _lead(ax, owners[own], near, label.colour)
         taken = np.concatenate([taken, [[*(best - half), *(best + half)]]])
+
+
+def _lead(ax: Axes, start: np.ndarray, end: np.ndarray, colour: str) -> None:
+    """A thin line from a mark to its label."""
+    x, y = ax.transAxes.inverted().transform([start, end]).T
+    ax.plot(x, y, color=colour, linewidth=0.4, transform=ax.transAxes, gid="leader")
 
 
 def _marks(ax: Axes, labels: list[Label], pixels: float) -> Float[np.ndarray, "marks 4"]:
@@ -109,4 +120,7 @@ def _covered(centre: np.ndarray, half: np.ndarray, taken: Float[np.ndarray, "box
         return np.maximum(both, 0).prod(axis=-1)
 
     inside = shared(np.array(ax.bbox.min), np.array(ax.bbox.max))
-    return float(shared(taken[:, :2], taken[:, 2:]).sum() + 100 * (4 * half.prod() - inside))
+    covered = shared(taken[:, :2], taken[:, 2:]).sum() + 100 * (4 * half.prod() - inside)
+    return round(
+        float(covered), 3
+    )  # what is nothing must be the same nothing everywhere: the nearest place wins

@@ -34,6 +34,8 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#
 _MARKS = ("o", "^", "s", "D", "v", "P", "X", "p")
 _GREY = "#777777"
 _SIZE = (2.3 * PANEL[0], 1.75 * PANEL[1])
+_LETTER = 0.07
+"""Inches, in a legend."""
 _LEAST = 15
 """Nodes that the axis reaches at least."""
 _DRAWN = 15
@@ -62,7 +64,7 @@ def plot(
         figure = Figure(figsize=_SIZE, layout="constrained")
         ax = figure.subplots()
         labels = panel(ax, fronts, looks_of(fronts), beside)
-        legend_below(figure, [ax])
+        _legend(figure, [ax])
         _settle(figure)
         place_labels(ax, labels)
         if path is not None:
@@ -92,7 +94,7 @@ def plot_gallery(
         widths = [_SIZE[0] / PANEL[0], *[1.1] * trees]
         rows = figure.subplots(len(tasks), 1 + trees, squeeze=False, width_ratios=widths)
         panels = [(row[0], panel(row[0], fronts, looks)) for row, fronts in zip(rows, tasks, strict=True)]
-        legend_below(figure, [ax for ax, _ in panels])
+        _legend(figure, [ax for ax, _ in panels])
         beside = [
             (ax, point)
             for row, fronts in zip(rows, tasks, strict=True)
@@ -115,6 +117,12 @@ def plot_gallery(
 def smallest(front: Front, count: int) -> list[Point]:
     """The trees of a front that are drawn beside it: the smallest that decide anything, while they can be read."""
     return [point for point in front.points if 1 < point.nodes <= _DRAWN][:count]
+
+
+def _legend(figure: Figure, axes: Sequence[Axes]) -> None:
+    """In as many columns as there is room for."""
+    longest = max(len(label) for ax in axes for label in ax.get_legend_handles_labels()[1])
+    legend_below(figure, axes, columns=max(1, int(figure.get_figwidth() / (0.7 + _LETTER * longest))))
 
 
 def _settle(figure: Figure) -> None:
@@ -235,7 +243,7 @@ def _mean(ax: Axes, fronts: Sequence[Front], right: float) -> None:
         stairs(nodes, [getattr(of.spread, name) for of in found], right)[1]
         for name in ("estimate", "low", "high")
     )
-    across, words = stairs(nodes, nodes, right)[0], "test, mean of all runs and its 95 % interval"
+    across, words = stairs(nodes, nodes, right)[0], "test: mean of runs, 95 %"
     ax.plot(across, mean, color="black", label=words, zorder=3)
     ax.fill_between(across, low, high, color="black", alpha=0.08, linewidth=0)
 
