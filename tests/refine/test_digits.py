@@ -127,3 +127,9 @@ def test_answers_of_continuous_actions_are_rounded_and_stay_within_bounds():
     beyond = replace(tree, value=np.float32([[0], [7.654321], [-0.4999987]]))
     teacher = replace(exact, value=np.float32([[0], [1], [-0.5]]))
     assert round_thresholds(beyond, Bandit(teacher), effort=QUICK).value[1] == 1
+
+
+def test_a_threshold_does_not_reach_the_value_above_it():
+    """What was seen are tenths: of 0.4 and 0.5 only the one goes left at 0.46, so that 0.5 is another question."""
+    tree = split(0.46)
+    assert round_thresholds(tree, Bandit(tree, whole=True), effort=QUICK).threshold[0] == np.float32(0.4)
