@@ -272,11 +272,12 @@ def test_limits_that_make_no_sense_are_refused(config, said):
 
 
 def test_what_was_measured_before_there_were_limits_is_as_good_as_new():
-    now = {"training": Config(depth=3).to_dict()}
-    was = {name: value for name, value in now["training"].items() if name not in ("max_nodes", "node_price")}
-    assert same_config({"training": was}, now)
-    assert not same_config({"training": was}, {"training": Config(depth=3, max_nodes=7).to_dict()})
+    was = Config(depth=3).to_dict()
+    assert not {"max_nodes", "node_price"} & was.keys()
+    limited = Config(depth=3, max_nodes=7)
+    assert not same_config({"training": was}, {"training": limited.to_dict()})
     assert Config.from_dict(was) == Config(depth=3)
+    assert Config.from_dict(limited.to_dict()) == limited
 
 
 def test_from_the_command_line(tmp_path, capsys):
@@ -291,8 +292,9 @@ def test_from_the_command_line(tmp_path, capsys):
     assert summary["max_nodes"] == 5
     assert summary["nodes"] <= summary["nodes_unpruned"] <= 5
     assert DecisionTree.from_json((run / "policy.json").read_text()).n_nodes == summary["nodes"]
-    line[line.index("--max-nodes") + 1] = "7"
-    assert "was begun with max_nodes 5, not 7" in refused(capsys, *line, "--resume")
+    for other in ("7", "0"):
+        line[line.index("--max-nodes") + 1] = other
+        assert f"was begun with max_nodes 5, not {other}" in refused(capsys, *line, "--resume")
     assert "choose 3 or 5" in refused(capsys, "train", "CartPole-v1", "--max-nodes", "4")
     assert json.loads((run / "summary.json").read_text())["env"] == "CartPole-v1"
 

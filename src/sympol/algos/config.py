@@ -249,9 +249,12 @@ class Config:
         return cls(**as_tuples)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values of the fields that this policy and algorithm have, for TOML and JSON."""
+        """Plain values of the fields that this policy and algorithm have, for TOML and JSON.
+
+        Limits only where there are any: what was written before there were such fields says the same.
+        """
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in dataclasses.asdict(self).items()
-            if applies(name, self.algorithm, self.policy)
+            if applies(name, self.algorithm, self.policy) and (value or name not in LIMITS)
         }
