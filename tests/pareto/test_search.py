@@ -79,7 +79,13 @@ def test_all_roads_lead_to_a_front(tmp_path):
     plan = Plan("CartPole-v1", max_nodes=15, budget="6M steps", trainings=1, islands=1, eval_episodes=20)
     front = search(plan, tmp_path / "all")
     roads = {candidate.road for candidate in front.candidates}
-    assert {"scratch", "scratch + shrink", "teacher", "teacher + ppo", "scratch + teacher + evolve"} <= roads
+    assert {
+        "scratch",
+        "scratch + shrink",
+        "teacher",
+        "teacher + ppo + shrink",
+        "scratch + teacher + evolve",
+    } <= roads
     assert front.best().test.mean > 450
     assert front.spent.teacher_steps > 0
     for run in ("scratch/0/run", "teacher/0/teacher", "teacher/0/tuned"):

@@ -32,7 +32,9 @@ def choose(plan: Plan, spec: EnvSpec, found: Sequence[Found], spent: Spent) -> F
     added to ``spent``, what all roads have cost.
     """
     arena = make_arena(spec, plan.seed, "validation")
-    fit = _distinct([one for one in found if one.tree.n_nodes <= plan.max_nodes])
+    listed = spec.all_observations()
+    pruned = [replace(one, tree=one.tree.prune(observations=listed)) for one in found]
+    fit = _distinct([one for one in pruned if one.tree.n_nodes <= plan.max_nodes])
     few, many = EPISODES[spec.backend]
     means = arena.play([one.tree for one in fit], range(few)).returns.mean(axis=1)
     best = _best_of_each_size(fit, means, plan.max_nodes)

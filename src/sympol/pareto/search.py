@@ -111,7 +111,7 @@ def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:
     for road in plan.roads:
         for task in tasks(plan, folder, road, Budget()):
             trees, _ = kept(place(folder, road, task.arguments["index"]))
-            found += [one for one in trees if one.tree.n_nodes <= plan.max_nodes]
+            found += trees
             dearest = max((one.spent for one in trees), key=lambda one: one.env_steps, default=Spent())
             spent += dearest
     return found, spent
