@@ -262,7 +262,7 @@ class Agent(abc.ABC):
         ``config.depth``, with the leaf distributions as trained. Before `learn` it is the tree to start from.
 
         With ``max_nodes`` or ``node_price`` it is never larger than they allow, ``prune=False`` included: in the first
-        quarter of the training it is pruned by what it earns when it is asked for, which takes a while.
+        part of the training it is pruned by what it earns when it is asked for, which takes a while.
 
         Raises:
             RuntimeError: before `learn` if there is nothing to start from, or of a policy that is no tree.

@@ -62,11 +62,12 @@ class Config:
     """Depth of the tree or soft tree, 1 to 14: 2^depth leaves before pruning."""
 
     max_nodes: int = 0
-    """The most nodes that the tree may have, leaves among them: an odd number; 0 for no limit. A quarter of the
-    training is free; then the best tree is pruned by what it earns, and trained on in that shape."""
+    """The most nodes that the tree may have, leaves among them: an odd number; 0 for no limit. Half of the
+    training is free, a quarter with dynamic_rollout; then the best tree is pruned by what it earns, and trained on in
+    that shape."""
 
     node_price: float = 0.0
-    """The return that a node must be worth, or it is pruned after a quarter of the training; 0 for no price."""
+    """The return that a node must be worth, or it is pruned at that moment; 0 for no price."""
 
     actor_hidden: tuple[int, ...] = (64, 64)
     """Width of each hidden layer of the MLP that acts."""

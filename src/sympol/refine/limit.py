@@ -1,6 +1,6 @@
 """Training within a limit of size: `Config.max_nodes` and `Config.node_price`.
 
-The first quarter of a training is free. At the validation after it (`moment`) the best tree so far is pruned by what it
+The first half of a training is free, or the first quarter where rollouts grow. At the validation after it (`moment`) the best tree so far is pruned by what it
 earns (`shrink`), and the training goes on in that shape (`shape`): with the same critic, optimiser and compiled
 program, and with a validation that only knows trees of this shape. Before that moment, whoever asks for the tree gets
 one that is pruned by the same rule, there and then.
@@ -22,9 +22,9 @@ from .arena import make_arena
 from .shape import close
 from .shrink import shrink
 
-FREE = 0.25
-"""The part of a training before the limit is imposed. Rollouts and batches grow, so that most updates come early:
-after half of the training too few are left to make up for what pruning cost (docs/small-trees.md)."""
+FREE, FREE_GROWING = 0.5, 0.25
+"""The part of a training before the limit is imposed. Where rollouts and batches grow (`Config.dynamic_rollout`), most
+updates come early: after half of the steps too few would be left to make up for what pruning cost."""
 
 
 def has_limit(config: Config) -> bool:
@@ -34,7 +34,8 @@ def has_limit(config: Config) -> bool:
 
 def moment(config: Config) -> int:
     """The timestep after which the tree is within the limit, at the first validation from it on."""
-    return next(stop for stop in stops(config) if stop >= FREE * config.total_timesteps)
+    free = FREE_GROWING if config.dynamic_rollout else FREE
+    return next(stop for stop in stops(config) if stop >= free * config.total_timesteps)
 
 
 def is_due(config: Config, before: int, now: int) -> bool:
