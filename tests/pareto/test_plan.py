@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import pytest
 
@@ -16,7 +17,7 @@ from sympol.pareto.plan import CHOOSING, SHARES, Plan
         ("90s", 90, math.inf),
         ("5m", 300, math.inf),
         ("1.5h", 5400, math.inf),
-        ("200 steps", math.inf, 200),
+        ("2000000 steps", math.inf, 2e6),
         ("50M steps", math.inf, 5e7),
         ("2 G steps", math.inf, 2e9),
     ],
@@ -30,6 +31,16 @@ def test_a_budget_is_a_time_or_steps(budget, seconds, steps):
 def test_what_is_no_budget_is_refused_with_examples(budget):
     with pytest.raises(ValueError, match="90s, 5m or 1h, or environment steps"):
         Plan("CartPole-v1", budget=budget)
+
+
+@pytest.mark.parametrize(
+    ("budget", "roads"), [("9s", ("evolve",)), ("99k steps", ("evolve",)), ("1M steps", tuple(SHARES))]
+)
+def test_too_little_for_one_run_is_refused_with_what_is_enough(budget, roads):
+    with pytest.raises(ValueError, match=r"too small for one run.*at least 10s or \d+k steps") as refused:
+        Plan("CartPole-v1", budget=budget, roads=roads)
+    enough = re.search(r"(\d+k steps)", str(refused.value))[1]
+    assert Plan("CartPole-v1", budget=enough, roads=roads).roads == roads
 
 
 def test_a_task_has_a_budget_of_its_own():

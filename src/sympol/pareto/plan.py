@@ -8,12 +8,18 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
+import numpy as np
+
 SHARES = {"scratch": 0.2, "teacher": 0.3, "evolve": 0.4}
 """Of the budget, how it is divided among roads; those that are taken have it all but what choosing takes."""
 CHOOSING = 0.1
 """Part of a budget in seconds for choosing and testing."""
 MINUTES = {"CartPole-v1": 2.0, "MountainCarContinuous-v0": 5.0, "LunarLander-v3": 30.0}
 """Of a budget where none is given; ten minutes for all others."""
+LEAST_SECONDS = 10.0
+"""Of a budget: what compiling takes."""
+LEAST_STEPS = 50_000
+"""For each training and each search by evolution."""
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 _STEPS = {"k": 1e3, "M": 1e6, "G": 1e9, "": 1.0}
 
@@ -64,7 +70,17 @@ class Plan:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.eval_episodes < 2:
             raise ValueError(f"eval_episodes must be at least 2, got {self.eval_episodes}")
+        self._check_budget()
+
+    def _check_budget(self) -> None:
         _read(self.budget)
+        number = {"scratch": self.trainings, "teacher": 2, "evolve": self.islands}
+        least = max(LEAST_STEPS * number[road] / self.share(road) for road in self.roads)
+        if self.seconds < LEAST_SECONDS or self.steps < least:
+            raise ValueError(
+                f"budget is too small for one run: {self.budget!r}; give at least {LEAST_SECONDS:.0f}s or "
+                f"{int(np.ceil(least / 1000))}k steps, or fewer roads, trainings or islands"
+            )
 
     @property
     def seconds(self) -> float:

@@ -2,7 +2,7 @@
 
 | road | what |
 |---|---|
-| scratch | our trees trained by PPO, nothing else; each then pruned by return, node by node |
+| scratch | our trees trained by PPO, every other one within the limit of nodes; each pruned by return, node by node |
 | teacher | an MLP trained by PPO, distilled at several depths; the best trained on by PPO; pruned by return |
 | evolve | whatever the other roads found, and random trees, changed at random (`sympol.refine.evolve`) |
 """
@@ -110,7 +110,8 @@ class Site:
 
 def _scratch(site: Site) -> None:
     began = time.perf_counter()
-    agent, spent = _trained(site, "tree", site.folder / "run", site.share)
+    limit = 0 if site.index % 2 == 0 else site.plan.max_nodes
+    agent, spent = _trained(site, "tree", site.folder / "run", site.share, max_nodes=limit)
     found = _chain(site, agent.tree(), "scratch", spent, began)
     keep(site.folder, found, finished=True)
 
@@ -139,7 +140,8 @@ def _teacher(site: Site) -> None:
         best = full[int(arena.play(full, range(128)).returns.mean(axis=1).argmax())]
         start = Start(best, critic_warmup=CRITIC_WARMUP, origin="the best tree distilled from the teacher")
         share = Budget(0.4 * site.share.steps, left() - ENOUGH / 2)
-        tuned, more = _trained(site, "tree", site.folder / "tuned", share, start)
+        within = {"start": start, "max_nodes": site.plan.max_nodes}
+        tuned, more = _trained(site, "tree", site.folder / "tuned", share, **within)
         found += _chain(site, tuned.tree(), "teacher + ppo", cost + more, began)
     keep(site.folder, found, finished=True)
 
@@ -177,18 +179,16 @@ def _evolve(site: Site) -> None:
     keep(site.folder, found(last), finished=True)
 
 
-def _trained(
-    site: Site, policy: str, folder: Path, share: Budget, start: Start | None = None
-) -> tuple[Agent, Spent]:
+def _trained(site: Site, policy: str, folder: Path, share: Budget, **options: Any) -> tuple[Agent, Spent]:
     """Train in a run's folder, or go on there, until the end or until the share is spent."""
     began = time.perf_counter()
     if has_run(folder):
         run = Run.open(folder)
         agent = go_on(run)
     else:
-        agent = PPO(policy, site.spec, seed=site.seed, start=start)
-        steps = int(min(agent.config.total_timesteps, share.steps))
-        agent = PPO(policy, site.spec, seed=site.seed, start=start, total_timesteps=steps)
+        agent = PPO(policy, site.spec, seed=site.seed, **options)
+        if share.steps < agent.config.total_timesteps:
+            agent = PPO(policy, site.spec, seed=site.seed, total_timesteps=int(share.steps), **options)
         run = Run.create(folder, site.spec, agent.config, agent.seed, overwrite=True, start=agent.start)
 
     def in_time(report: Report) -> bool:
