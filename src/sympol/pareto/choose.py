@@ -19,9 +19,9 @@ from .plan import Plan
 
 TEST_SEED = 1
 """Of test episodes, as of `sympol train`."""
-EPISODES = {"jax": (256, 2048), "envpool": (32, 512), "host": (16, 128)}
+EPISODES = {"jax": (256, 2048), "envpool": (16, 256), "host": (8, 64)}
 """Of validation: for all that was found, and for the best of each size."""
-FINALISTS = 4
+FINALISTS = {"jax": 4, "envpool": 2, "host": 2}
 """Of each size."""
 
 
@@ -37,7 +37,7 @@ def choose(plan: Plan, spec: EnvSpec, found: Sequence[Found], spent: Spent) -> F
     fit = _distinct([one for one in pruned if one.tree.n_nodes <= plan.max_nodes])
     few, many = EPISODES[spec.backend]
     means = arena.play([one.tree for one in fit], range(few)).returns.mean(axis=1)
-    best = _best_of_each_size(fit, means, plan.max_nodes)
+    best = _best_of_each_size(fit, means, cells(plan.max_nodes), FINALISTS[spec.backend])
     returns = arena.play([one.tree for one in best], range(few, few + many)).returns
     points = [_point(plan, one, row) for one, row in zip(best, returns, strict=True)]
     front = non_dominated(points)
@@ -74,13 +74,12 @@ def _distinct(found: Sequence[Found]) -> list[Found]:
 
 
 def _best_of_each_size(
-    found: Sequence[Found], means: Float32[np.ndarray, " trees"], max_nodes: int
+    found: Sequence[Found], means: Float32[np.ndarray, " trees"], sizes: Sequence[int], number: int
 ) -> list[Found]:
-    sizes = cells(max_nodes)
     by_size: dict[int, list[int]] = {}
     for i in np.argsort(-means, kind="stable").tolist():
         by_size.setdefault(int(np.searchsorted(sizes, found[i].tree.n_nodes)), []).append(i)
-    return [found[i] for kept in by_size.values() for i in kept[:FINALISTS]]
+    return [found[i] for kept in by_size.values() for i in kept[:number]]
 
 
 def _point(plan: Plan, one: Found, returns: Float32[np.ndarray, " episodes"]) -> Point:
