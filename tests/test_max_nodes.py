@@ -22,7 +22,7 @@ from sympol.functional import hard_tree
 from sympol.policies.extract import extract_tree
 from sympol.policies.tree import Tree
 from sympol.refine.cuts import cut_at, cuts
-from sympol.refine.limit import moment
+from sympol.refine.limit import moment, shaped
 from sympol.refine.shape import CLOSED, close, open_tree
 from sympol.trees import ActionSpec
 from tests.tiny import TINY, Chain, flags, quick_compiles, read_summary, refused, status_of
@@ -89,6 +89,23 @@ def test_a_pruned_tree_lies_in_the_complete_one_and_acts_there(kind, seed):
     x = x[(np.abs(x) < 1e9).all(axis=1)]
     values = np.asarray(closed.rollout()(jnp.asarray((x - SHIFT) * SCALE)))
     np.testing.assert_array_equal(actions.decide(values), small.predict(x))
+
+
+def test_questions_that_are_asked_in_many_places_are_found_in_the_right_one():
+    nowhere, actions = 0, ACTIONS["discrete"]
+    for seed in range(40):
+        rng, actor = np.random.default_rng(seed), drawn(seed, "discrete")
+        few = jnp.asarray(rng.choice(np.float32([-0.5, 0.5]), actor.thresholds.shape))
+        actor = replace(actor, thresholds=few)
+        small = cut_down(actor, actions, rng, to=int(rng.choice([5, 7, 9])))
+        found = open_tree(close(actor, SHIFT, SCALE, small), SHIFT, SCALE, actions=actions)
+        assert replace(found, n_node_samples=None) == replace(small, n_node_samples=None)
+        other = cut_down(replace(actor, thresholds=-few), actions, rng, to=9)
+        try:
+            close(actor, SHIFT, SCALE, other)
+        except ValueError:
+            nowhere += 1
+    assert nowhere > 20
 
 
 @pytest.mark.parametrize("spare", [1, 3, 100])
@@ -188,6 +205,16 @@ def test_what_is_validated_is_the_tree_in_its_shape():
     assert float(at.state.validation.lr_factor) == 1
     at.learn(progress_bar=False)
     assert float(at.state.validation.best_return) >= first
+
+
+def test_validation_begins_anew():
+    begun = until(agent(), 256)
+    assert begun.state is not None
+    made = shaped(begun.state, begun._extract(begun.state), begun.spec, begun.config, begun.seed)
+    assert made.validation.best_return == -np.inf
+    best, actor = made.validation.best_actor, made.networks.actor
+    assert np.asarray(best.thresholds).tobytes() == np.asarray(actor.thresholds).tobytes()
+    assert begun.tree(prune=False).n_nodes <= 5
 
 
 def _parameters(trained: Agent) -> Tree:

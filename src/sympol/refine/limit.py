@@ -1,9 +1,9 @@
 """Training within a limit of size: `Config.max_nodes` and `Config.node_price`.
 
-The first half of a training is free, or the first quarter where rollouts grow. At the validation after it (`moment`) the best tree so far is pruned by what it
-earns (`shrink`), and the training goes on in that shape (`shape`): with the same critic, optimiser and compiled
-program, and with a validation that only knows trees of this shape. Before that moment, whoever asks for the tree gets
-one that is pruned by the same rule, there and then.
+The first half of a training is free, or the first quarter where rollouts grow. At the validation after it (`moment`)
+the best tree so far is pruned by what it earns (`shrink`), and the training goes on in that shape (`shape`): with the
+same critic, optimiser and compiled program, and with a validation that only knows trees of this shape. Before that
+moment, whoever asks for the tree gets one that is pruned by the same rule, there and then.
 """
 
 from __future__ import annotations
