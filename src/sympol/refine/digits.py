@@ -36,8 +36,9 @@ def round_thresholds(
 ) -> DecisionTree:
     """The tree with rounded thresholds, and rounded answers where actions are continuous.
 
-    Questions about one-hot features stay: readers are told the category. ``margin`` is the return that all the
-    rounding together may cost; episodes from ``first_episode`` on are played, ``effort.last`` of them.
+    Splits that are decided then, as what is above them asks the same now, are pruned. Questions about one-hot features
+    stay: readers are told the category. ``margin`` is the return that all the rounding together may cost; episodes
+    from ``first_episode`` on are played, ``effort.last`` of them.
 
     Raises:
         ValueError: a margin below 0, or a tree for other features or actions.
@@ -64,7 +65,7 @@ def round_thresholds(
                 if costs_nothing(candidate):
                     rounded = candidate
                     break
-    return rounded
+    return rounded.prune()
 
 
 def digits_of(x: float) -> int:
