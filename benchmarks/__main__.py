@@ -5,5 +5,5 @@ from __future__ import annotations
 import subprocess
 import sys
 
-for name in ("hard_tree", "training", "worlds", "returns", "minigrid", "exports", "verify"):
+for name in ("hard_tree", "training", "worlds", "returns", "minigrid", "exports", "verify", "arena"):
     subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], check=True)

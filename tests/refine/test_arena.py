@@ -39,7 +39,7 @@ def grown(spec: EnvSpec, n_leaves: int, seed: int) -> DecisionTree:
     rng, features = np.random.default_rng(seed), spec.features
     low, high = (np.clip(bound, -0.3, 0.3) for bound in (features.low, features.high))
 
-    def node(n: int) -> list[dict[str, Any]]:
+    def node(n: int) -> list[Any]:
         if n == 1:
             return [{"value": rng.normal(size=spec.actions.n_outputs)}]
         left = int(rng.integers(1, n))
