@@ -11,7 +11,9 @@ from jaxtyping import Float32
 from ..envs.spec import EnvSpec
 from ..play import play
 from ..refine.archive import cells
-from ..refine.arena import make_arena
+from ..refine.arena import Arena, make_arena
+from ..refine.digits import round_thresholds
+from ..refine.shrink import COMPILED
 from ..trees import DecisionTree
 from .found import Found
 from .front import Candidate, Front, Point, Spent, non_dominated
@@ -28,8 +30,8 @@ FINALISTS = {"jax": 4, "envpool": 2, "host": 2}
 def choose(plan: Plan, spec: EnvSpec, found: Sequence[Found], spent: Spent) -> Front:
     """The front of what was found, chosen by validation episodes, then tested.
 
-    All play a few episodes, the best few of each size many others; these alone decide. What this takes is
-    added to ``spent``, what all roads have cost.
+    All play a few episodes, the best few of each size many others; these alone decide. Then thresholds
+    are rounded where that costs nothing. What this takes is added to ``spent``, what all roads have cost.
     """
     arena = make_arena(spec, plan.seed, "validation")
     listed = spec.all_observations()
@@ -38,11 +40,15 @@ def choose(plan: Plan, spec: EnvSpec, found: Sequence[Found], spent: Spent) -> F
     few, many = EPISODES[spec.backend]
     means = arena.play([one.tree for one in fit], range(few)).returns.mean(axis=1)
     best = _best_of_each_size(fit, means, cells(plan.max_nodes), FINALISTS[spec.backend])
-    returns = arena.play([one.tree for one in best], range(few, few + many)).returns
-    points = [_point(plan, one, row) for one, row in zip(best, returns, strict=True)]
-    front = non_dominated(points)
+    shown = _front_of(plan, arena, best, range(few, few + many))
+    rounding = make_arena(spec, plan.seed)
+    if spec.env is not None:  # elsewhere it takes longer than the search
+        effort = COMPILED._replace(last=many)
+        rounded = [replace(one, tree=round_thresholds(one.tree, rounding, effort=effort)) for one, _ in shown]
+        shown = _front_of(plan, arena, rounded, range(few, few + many))
+    front = [point for _, point in shown]
     episodes = len(fit) * few + len(best) * many
-    spent += Spent(env_steps=arena.steps, selection_episodes=episodes)
+    spent += Spent(env_steps=arena.steps + rounding.steps, selection_episodes=episodes)
     tried = [Candidate(one.tree.n_nodes, float(mean), one.road) for one, mean in zip(fit, means, strict=True)]
     return Front(
         environment=spec.name,
@@ -82,5 +88,12 @@ def _best_of_each_size(
     return [found[i] for kept in by_size.values() for i in kept[:number]]
 
 
-def _point(plan: Plan, one: Found, returns: Float32[np.ndarray, " episodes"]) -> Point:
-    return Point.of(one.tree, returns, road=one.road, seed=plan.seed, spent=one.spent)
+def _front_of(plan: Plan, arena: Arena, found: Sequence[Found], episodes: range) -> list[tuple[Found, Point]]:
+    """The front of these trees in these episodes, and where its points come from."""
+    returns = arena.play([one.tree for one in found], episodes).returns
+    made = [
+        (one, Point.of(one.tree, row, road=one.road, seed=plan.seed, spent=one.spent))
+        for one, row in zip(found, returns, strict=True)
+    ]
+    front = {id(point) for point in non_dominated([point for _, point in made])}
+    return sorted(((one, point) for one, point in made if id(point) in front), key=lambda pair: pair[1].nodes)
