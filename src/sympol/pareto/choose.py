@@ -56,7 +56,7 @@ def choose(plan: Plan, spec: EnvSpec, found: Sequence[Found], spent: Spent) -> F
         points=tuple(front),
         candidates=tuple(tried),
         spent=spent,
-        budget={"budget": plan.budget},
+        budget={"budget": plan.budget, "roads": list(plan.roads), "max_nodes": plan.max_nodes},
     )
 
 

@@ -39,6 +39,7 @@ class Plan:
     budget: str = ""
     """A time or a number of environment steps, such as "5m" or "50M steps"; by default so many `MINUTES`."""
     roads: tuple[str, ...] = tuple(SHARES)
+    """Taken in this order, whatever order they are given in: evolution starts from what the others found."""
     teacher: str = ""
     """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
     trainings: int = 2
@@ -50,7 +51,11 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Check."""
-        object.__setattr__(self, "roads", tuple(self.roads))
+        if not self.roads or not {*self.roads} <= SHARES.keys():
+            raise ValueError(
+                f"roads must be some of {', '.join(SHARES)}, got {', '.join(self.roads) or 'none'}"
+            )
+        object.__setattr__(self, "roads", tuple(road for road in SHARES if road in self.roads))
         object.__setattr__(self, "env_kwargs", dict(self.env_kwargs))
         if not self.budget:
             object.__setattr__(self, "budget", f"{MINUTES.get(self.env, 10.0):g}m")
@@ -59,11 +64,6 @@ class Plan:
             raise ValueError(
                 f"max_nodes must be odd and at least 1, got {self.max_nodes}: a tree has one leaf more than it has "
                 f"splits; give {near}"
-            )
-        unknown = [road for road in self.roads if road not in SHARES]
-        if unknown or not self.roads:
-            raise ValueError(
-                f"roads must be some of {', '.join(SHARES)}, got {', '.join(self.roads) or 'none'}"
             )
         for name in ("trainings", "islands"):
             if getattr(self, name) < 1:

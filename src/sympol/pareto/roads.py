@@ -154,12 +154,11 @@ def _evolve(site: Site) -> None:
         one for road in roads for folder in sorted((site.root / road).glob("*")) for one in kept(folder)[0]
     ]
     name = " + ".join([*roads, "evolve"]) if others else "evolve"
-    cost = max((one.spent for one in others), key=lambda spent: spent.seconds, default=Spent())
     starts = [one.tree for one in (*others, *before) if one.tree.n_nodes <= LARGEST]
     arena = make_arena(site.spec, site.seed)
 
     def found(heat: Heat) -> list[Found]:
-        here = Spent(done.env_steps + heat.steps, cost.teacher_steps, 0, done.seconds + heat.seconds)
+        here = done + Spent(env_steps=heat.steps, seconds=heat.seconds)
         return [Found(tree, name, here) for tree in heat.trees]
 
     def tell(heat: Heat) -> None:

@@ -105,15 +105,18 @@ def begin(plan: Plan, folder: Path) -> None:
 
 
 def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:
-    """All that the roads have found so far, and what they have cost together."""
+    """All that the roads have found so far, and what they have cost together.
+
+    Evolution starts from what the others found, so what it found has cost what they did, too.
+    """
     found: list[Found] = []
     spent = Spent()
     for road in plan.roads:
+        before = spent if road == "evolve" else Spent()
         for task in tasks(plan, folder, road, Budget()):
             trees, _ = kept(place(folder, road, task.arguments["index"]))
-            found += trees
-            dearest = max((one.spent for one in trees), key=lambda one: one.env_steps, default=Spent())
-            spent += dearest
+            found += [replace(one, spent=before + one.spent) for one in trees]
+            spent += max((one.spent for one in trees), key=lambda one: one.env_steps, default=Spent())
     return found, spent
 
 
