@@ -179,6 +179,7 @@ class Agent(abc.ABC):
             state = trainer.advance(self.state, stop)
             require_finite(state, self.num_timesteps)  # waits for the device, too
             if is_due(self.config, self.num_timesteps, int(state.timestep)):
+                bar.say("pruning by what it earns")
                 state = self._within_limit(trainer, state)
             self.state = state
             elapsed = time.perf_counter() - began

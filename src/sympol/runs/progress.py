@@ -49,6 +49,10 @@ class ProgressBar:
             note=f"return {earned:,.{decimals(earned)}f} · {fps:,.0f} steps/s",
         )
 
+    def say(self, note: str) -> None:
+        """Show what is being done instead of training."""
+        self._progress.update(self._task, note=note)
+
     def __enter__(self) -> Self:
         """Start drawing."""
         self._progress.start()
