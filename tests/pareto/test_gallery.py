@@ -12,7 +12,8 @@ import pytest
 
 from sympol.envs.registry import resolve
 from sympol.pareto.front import Candidate, FrontError
-from sympol.pareto.gallery import keep, load, load_all, main, page, path_of, readme, write_docs
+from sympol.pareto.gallery import keep, load, load_all, load_parts, main, page, path_of, readme, write_docs
+from sympol.pareto.several import summarise
 
 from .synthetic import front, ladder, point
 
@@ -119,6 +120,30 @@ def test_the_same_results_give_the_same_page_and_old_pictures_go(tmp_path):
     assert not (tmp_path / "images" / "fronts" / "old.svg").exists()
 
 
+def with_roads(seed, *roads, shift=0.0):
+    return replace(ladder(seed, shift=shift), budget={"budget": "2m", "roads": list(roads)})
+
+
+def test_searches_by_some_roads_are_kept_apart_and_stand_beside_the_whole_ones(tmp_path):
+    whole = [with_roads(seed, "scratch", "teacher", "evolve") for seed in (0, 1)]
+    alone = [with_roads(seed, "scratch", shift=-20 - seed) for seed in (0, 1)]
+    keep([*whole, *alone, with_roads(0, "scratch", "../../evolve", shift=-5)], tmp_path)
+    [tasks] = load_all(tmp_path)
+    assert [front.seed for front in tasks] == [0, 1]
+    folder = tmp_path / "results" / "fronts" / "roads"
+    assert len([*folder.iterdir()]) == 2  # no road is a path
+    parts = load_parts(tmp_path, "CartPole-v1")
+    assert [len(runs) for runs in parts] == [2, 1]
+    assert parts[0] == [replace(run, candidates=()) for run in alone]
+    text = page([tasks], [parts])
+    rows = [line for line in text.splitlines() if line.startswith(("| scratch ", "| scratch + teacher"))]
+    best = [summarise(runs, [5])[0] for runs in (alone, whole)]
+    assert [row.split(" | ")[1:3] for row in (rows[0], rows[-1])] == [
+        ["2", f"{of.mean:.1f} ± {of.std:.1f}"] for of in best
+    ]
+    assert "what each road brings" not in page([tasks])
+
+
 def test_a_road_cannot_write_on_the_page():
     text = page([[front([point(3, 1.0, road="<script>|*x*")])]])
     assert "<script>" not in text
@@ -138,7 +163,8 @@ def test_the_readme_has_the_picture_and_a_table_for_each_task():
 def test_the_page_in_docs_is_what_the_results_say():
     tasks = load_all(ROOT)
     text = (ROOT / "docs" / "fronts.md").read_text(encoding="utf-8")
-    assert text == page(tasks), "write it anew: python -m sympol.pareto.gallery"
+    parts = [load_parts(ROOT, fronts[0].environment) for fronts in tasks]
+    assert text == page(tasks, parts), "write it anew: python -m sympol.pareto.gallery"
     images = re.findall(r"\]\((images/.*?)\)", text)
     there = {path for path in (ROOT / "docs" / "images" / "fronts").glob("*")}
     assert {ROOT / "docs" / image for image in images} == there

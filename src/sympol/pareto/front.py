@@ -232,6 +232,11 @@ class Front:
                 f"{[(point.nodes, point.mean) for point in points]}; choose them by non_dominated(points)"
             )
 
+    @property
+    def roads(self) -> tuple[str, ...]:
+        """The roads that were taken, as ``budget`` says it; none where it does not."""
+        return tuple(self.budget.get("roads", ()))
+
     def best(self, max_nodes: int | None = None) -> Point | None:
         """The point that earned most in validation, of those with at most ``max_nodes``; None if there is none."""
         small = [point for point in self.points if max_nodes is None or point.nodes <= max_nodes]

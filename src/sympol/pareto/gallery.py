@@ -1,5 +1,8 @@
 """Fronts that are kept, ``results/fronts/<task>.json``, and the page made of them, ``docs/fronts.md``.
 
+Searches that took only some roads are kept apart, in ``results/fronts/roads``: beside the whole ones they say what each
+road brings.
+
 ``python -m sympol.pareto.gallery [FOLDER ...]`` keeps what `Front.save` wrote in those folders, and writes the page
 anew. A file holds several whole runs of one task, their trees with them; nothing on the page is typed by hand.
 """
@@ -19,9 +22,10 @@ from ..experiments.seeds import require_training_seed
 from ..trees import DecisionTree
 from .files import fields_of, front_from, point_fields, read_json
 from .front import Front, FrontError, Point
+from .plan import SHARES
 from .plot import plot, plot_gallery, smallest
 from .several import require_one_task
-from .words import markdown, markdown_of_runs
+from .words import markdown, markdown_by_roads, markdown_of_runs
 
 FORMAT = "sympol.fronts"
 VERSION = 1
@@ -46,14 +50,14 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
         FrontError: a front was not tested, or a file there is damaged.
         ValueError: a seed that is for searches, not for reports (`experiments.seeds`).
     """
-    by_task: dict[str, dict[int, Front]] = {}
+    by_path: dict[Path, dict[int, Front]] = {}
     for front in fronts:
         if any(point.test is None for point in front.points):
             raise FrontError(f"the front of {front.environment} was not tested; what is kept must be")
-        by_task.setdefault(front.environment, {})[require_training_seed(front.seed)] = front
+        path = path_of(front.environment, root, front.roads)
+        by_path.setdefault(path, {})[require_training_seed(front.seed)] = front
     written = []
-    for environment, new in by_task.items():
-        path = path_of(environment, root)
+    for path, new in by_path.items():
         there = {front.seed: front for front in load(path)} if path.exists() else {}
         runs = [front for _, front in sorted((there | new).items())]
         require_one_task(runs)  # two names may make one file's
@@ -63,9 +67,11 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
     return written
 
 
-def path_of(environment: str, root: Path) -> Path:
-    """The file of a task below ``root``."""
-    return _folder(root) / f"{_slug(environment)}.json"
+def path_of(environment: str, root: Path, roads: Sequence[str] = ()) -> Path:
+    """The file of a task below ``root``; of searches that took only some roads, one of its own."""
+    if len(roads) in (0, len(SHARES)):
+        return _folder(root) / f"{_slug(environment)}.json"
+    return _folder(root) / "roads" / f"{_slug(environment)}--{_slug('-'.join(roads))}.json"
 
 
 def load(path: Path) -> list[Front]:
@@ -98,8 +104,19 @@ def load_all(root: Path) -> list[list[Front]]:
     return sorted(found, key=lambda runs: (order.get(runs[0].environment, len(order)), runs[0].environment))
 
 
-def write_docs(tasks: Sequence[Sequence[Front]], docs: Path) -> list[Path]:
-    """Write ``fronts.md`` and its pictures in ``images/fronts``; those of an older page go."""
+def load_parts(root: Path, environment: str) -> list[list[Front]]:
+    """Read the searches of a task that took only some roads, fewer roads first."""
+    found = [load(path) for path in sorted((_folder(root) / "roads").glob(f"{_slug(environment)}--*.json"))]
+    return sorted(found, key=lambda runs: len(runs[0].roads))
+
+
+def write_docs(
+    tasks: Sequence[Sequence[Front]], docs: Path, parts: Sequence[Sequence[Sequence[Front]]] = ()
+) -> list[Path]:
+    """Write ``fronts.md`` and its pictures in ``images/fronts``; those of an older page go.
+
+    ``parts`` are, task by task, searches that took only some roads.
+    """
     images = docs / "images" / "fronts"
     images.mkdir(parents=True, exist_ok=True)
     for old in images.glob("*.svg"):
@@ -114,27 +131,27 @@ def write_docs(tasks: Sequence[Sequence[Front]], docs: Path) -> list[Path]:
             point.tree.plot(path)
             pictures.append(path)
     written = docs / "fronts.md"
-    written.write_text(page(tasks), encoding="utf-8", newline="\n")
+    written.write_text(page(tasks, parts), encoding="utf-8", newline="\n")
     return [written, *pictures]
 
 
-def page(tasks: Sequence[Sequence[Front]]) -> str:
-    """The page; its pictures lie in ``images/fronts``."""
-    parts = [
+def page(tasks: Sequence[Sequence[Front]], parts: Sequence[Sequence[Sequence[Front]]] = ()) -> str:
+    """The page; its pictures lie in ``images/fronts``. ``parts`` are as of `write_docs`."""
+    said = [
         "# Fronts",
         "Written by `python -m sympol.pareto.gallery` from `results/fronts`; nothing here is typed by hand.",
     ]
     if not tasks:
-        return _END.join([*parts, _EMPTY]) + "\n"
-    parts += [
+        return _END.join([*said, _EMPTY]) + "\n"
+    said += [
         "A tree is chosen by what it earns in validation and tested once. A test return is the mean over test "
         "episodes of a deterministic tree, played on the original environments; mean ± standard deviation is over "
         "whole runs, in brackets the nodes of each run's tree. Bold: the mean is what was asked. What is drawn and "
         "how to read it: [the front](pareto.md).",
         "![The fronts of all tasks, and their smallest trees](images/fronts/gallery.svg)",
-        *(_section(fronts) for fronts in tasks),
+        *(_section(fronts, list(some)) for fronts, some in itertools.zip_longest(tasks, parts, fillvalue=())),
     ]
-    return _END.join(parts) + "\n"
+    return _END.join(said) + "\n"
 
 
 def readme(tasks: Sequence[Sequence[Front]]) -> str:
@@ -154,7 +171,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         kept = keep([Front.load(folder) for folder in given.folders], given.root)
         tasks = load_all(given.root)
-        written = write_docs(tasks, given.root / "docs")
+        parts = [load_parts(given.root, fronts[0].environment) for fronts in tasks]
+        written = write_docs(tasks, given.root / "docs", parts)
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -162,21 +180,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _section(fronts: Sequence[Front]) -> str:
-    """A task: its picture, what all runs reached, and the first run's trees."""
+def _section(fronts: Sequence[Front], parts: Sequence[Sequence[Front]]) -> str:
+    """A task: its picture, what all runs reached, what each road brings, and the first run's trees."""
     first, name = fronts[0], fronts[0].environment
     images = Path("images") / "fronts"
     drawn = _drawn(images, first)
-    parts = [
+    said = [
         f"## {name}",
         f"![{name}: return against nodes]({_picture(images, fronts).as_posix()})",
         markdown_of_runs(fronts).rstrip(),
+        *(
+            [f"### {name}: what each road brings", markdown_by_roads([*parts, fronts]).rstrip()]
+            if parts
+            else []
+        ),
         f"### The trees of seed {first.seed}",
         markdown(first).split(_END)[0],
         *(f"![{name}: {point.nodes} nodes]({path.as_posix()})" for point, path in drawn),
         *(f"```text\n{point.tree.to_text()}\n```" for point, _ in drawn[-1:]),
     ]
-    return _END.join(parts)
+    return _END.join(said)
 
 
 def _drawn(images: Path, front: Front) -> list[tuple[Point, Path]]:

@@ -90,6 +90,26 @@ def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = N
     return f"{_pipes(columns, rows)}\n\n{whole}\n"
 
 
+def markdown_by_roads(groups: Sequence[Sequence[Front]]) -> str:
+    """What several runs reached with some roads, and with others: a line for each choice of roads.
+
+    Raises:
+        FrontError: as `summarise` does.
+    """
+    environment = require_one_task([runs[0] for runs in groups][:1])
+    sizes = [target.nodes for target in targets(environment)] or sizes_of(groups[-1])
+    places = min(decimals(point.mean) for runs in groups for front in runs for point in front.points)
+    columns = ["roads", "runs", *(f"at most {size} nodes" for size in sizes), "steps", "seconds"]
+    rows = []
+    for runs in groups:
+        reached = [_mean(of, places) for of in summarise(runs, sizes)]
+        steps = sum(front.spent.env_steps + front.spent.teacher_steps for front in runs) / len(runs)
+        seconds = sum(front.spent.seconds for front in runs) / len(runs)
+        roads = in_markdown(" + ".join(map(str, runs[0].roads)) or "all")
+        rows.append([roads, str(len(runs)), *reached, _short(round(steps)), number(seconds, 0)])
+    return f"{_pipes(columns, rows)}\n\nTest returns; steps, with a teacher's, and seconds are means over runs.\n"
+
+
 def spent_words(spent: Spent) -> str:
     """What something cost: its steps, its teacher's, episodes to choose by, seconds."""
     parts = [
@@ -150,10 +170,15 @@ def _wanted(target: Target) -> str:
 
 def _reached(target: Target, of: AtMost, places: int) -> str:
     """The mean over runs; bold where it is what was asked."""
+    text = _mean(of, places)
+    reached = target.mean is not None and of.mean is not None and of.mean >= target.mean
+    return f"**{text}**" if reached else text
+
+
+def _mean(of: AtMost, places: int) -> str:
     if of.mean is None:
         return NONE_SO_SMALL
-    text = number(of.mean, places) + ("" if of.std is None else f" ± {number(of.std, places)}")
-    return f"**{text}**" if target.mean is not None and of.mean >= target.mean else text
+    return number(of.mean, places) + ("" if of.std is None else f" ± {number(of.std, places)}")
 
 
 def _of_run(point: Point | None, places: int) -> str:
