@@ -172,6 +172,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, capsys):
     assert not (tmp_path / "front").exists()
 
 
+@pytest.mark.slow
 def test_the_command_shows_the_front(tmp_path):
     command = [
         sys.executable,

@@ -20,7 +20,7 @@ from ..distill import Iteration, Teacher, load_sb3
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..play import play
-from ..runs.about import RunError, versions
+from ..runs.about import RunError, file_name, versions
 from ..runs.folder import Run, require_free
 from ..teachers import ALL_METHODS, DEPTH, DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
@@ -152,8 +152,7 @@ def _folder(given: Distill, spec: EnvSpec, name: str) -> Path:
         return given.out
     if Path(given.teacher).is_dir():
         return Path(given.teacher) / "distilled" / name
-    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in spec.name)
-    return Path("runs") / f"{safe}-{name}"
+    return Path("runs") / f"{file_name(spec.name)}-{name}"
 
 
 def _finish(

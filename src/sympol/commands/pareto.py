@@ -22,7 +22,7 @@ from ..pareto.plan import SHARES, Plan
 from ..pareto.plot import plot
 from ..pareto.search import begin, search
 from ..pareto.words import next_steps, spent_words, table
-from ..runs.about import RunError
+from ..runs.about import RunError, file_name
 from .arguments import Text
 from .parse import env_kwargs, parse
 from .say import err, one_line_errors, out, warnings_in_one_line
@@ -112,7 +112,7 @@ def pareto(arguments: Sequence[str]) -> int:
             f"there is no teacher {plan.teacher!r}; give a run's folder or the zip of a stable-baselines3 model"
         )
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
-    folder = given.out or Path("runs") / f"{_safe(spec.name)}-front-{given.seed}"
+    folder = given.out or Path("runs") / f"{file_name(spec.name)}-front-{given.seed}"
     if given.overwrite and (folder / "plan.json").exists():
         shutil.rmtree(folder)
     begin(plan, folder)
@@ -148,10 +148,6 @@ def _show(front: Front, folder: Path, *, as_json: bool) -> None:
     width = max(len(command) for command, _ in steps)
     for command, what in steps:
         out.print(f"  {command.ljust(width)}  {what}", markup=False, soft_wrap=True)
-
-
-def _safe(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
 
 
 def _cores() -> int:

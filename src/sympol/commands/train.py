@@ -10,7 +10,7 @@ from pathlib import Path
 from ..agents import Agent, agent_of
 from ..algos.rules import LIMITS
 from ..envs.registry import resolve
-from ..runs.about import RunError
+from ..runs.about import RunError, file_name
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
@@ -96,10 +96,9 @@ def _continue(path: Path, eval_episodes: int | None, as_json: bool) -> int:
 
 def _next_free(folder: Path, name: str) -> Path:
     """``name`` and the first number that nobody has, made at once so that nobody else takes it."""
-    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
     number = 1
     while True:
-        path = folder / f"{safe}-{number}"
+        path = folder / f"{file_name(name)}-{number}"
         try:
             path.mkdir(parents=True)
             return path

@@ -25,6 +25,7 @@ from ..experiments.tune_report import (
 )
 from ..experiments.workers import Failure
 from ..experiments.workers.threads import use_one_thread
+from ..runs.about import file_name
 from ..runs.progress import decimals
 from .arguments import Tune
 from .parse import env_kwargs, parse
@@ -46,7 +47,7 @@ def tune(arguments: Sequence[str]) -> int:
         require_preset_file(given.save_preset)  # now, not after sixty trials
     use_one_thread()
     name = given.study or f"{search.env}-{search.algorithm}-{search.policy}"
-    stem = Path("runs", "tune", "".join(c if c.isalnum() or c in "-_." else "_" for c in name))
+    stem = Path("runs", "tune", file_name(name))
     storage = given.storage or str(stem.with_name(f"{stem.name}.journal"))
     if "://" not in storage:
         stem = Path(storage).with_suffix("") if given.study is None else Path(storage).parent / stem.name

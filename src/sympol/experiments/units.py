@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ..runs.about import file_name
 from .methods import RUNTIME_VARIANTS
 from .recipes import Settings, config_of, import_all, own, register_method, same_config, teacher_cell
 from .record import Cell
@@ -40,8 +41,7 @@ class Unit:
     def folder(self) -> Path:
         """Of its run."""
         cell = "-".join(filter(None, self.cell[1:]))
-        safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in self.cell.environment)
-        return self.runs / safe / cell / f"seed-{self.seed}"
+        return self.runs / file_name(self.cell.environment) / cell / f"seed-{self.seed}"
 
     @property
     def teacher(self) -> Unit | None:

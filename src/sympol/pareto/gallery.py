@@ -19,6 +19,7 @@ from typing import Any
 
 from ..experiments.plain_json import dumps
 from ..experiments.seeds import require_training_seed
+from ..runs.about import file_name
 from ..trees import DecisionTree
 from .files import fields_of, front_from, point_fields, read_json
 from .front import Front, FrontError, Point
@@ -70,8 +71,8 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
 def path_of(environment: str, root: Path, roads: Sequence[str] = ()) -> Path:
     """The file of a task below ``root``; of searches that took only some roads, one of its own."""
     if len(roads) in (0, len(SHARES)):
-        return _folder(root) / f"{_slug(environment)}.json"
-    return _folder(root) / "roads" / f"{_slug(environment)}--{_slug('-'.join(roads))}.json"
+        return _folder(root) / f"{file_name(environment)}.json"
+    return _folder(root) / "roads" / f"{file_name(environment)}--{file_name('-'.join(roads))}.json"
 
 
 def load(path: Path) -> list[Front]:
@@ -106,7 +107,7 @@ def load_all(root: Path) -> list[list[Front]]:
 
 def load_parts(root: Path, environment: str) -> list[list[Front]]:
     """Read the searches of a task that took only some roads, fewer roads first."""
-    found = [load(path) for path in sorted((_folder(root) / "roads").glob(f"{_slug(environment)}--*.json"))]
+    found = [load(path) for path in sorted((_folder(root) / "roads").glob(f"{file_name(environment)}--*.json"))]
     return sorted(found, key=lambda runs: len(runs[0].roads))
 
 
@@ -204,12 +205,12 @@ def _section(fronts: Sequence[Front], parts: Sequence[Sequence[Front]]) -> str:
 
 def _drawn(images: Path, front: Front) -> list[tuple[Point, Path]]:
     """The trees that are drawn alone, and where."""
-    slug = _slug(front.environment)
+    slug = file_name(front.environment)
     return [(point, images / f"{slug}-{point.nodes:03d}.svg") for point in smallest(front, _TREES)]
 
 
 def _picture(images: Path, fronts: Sequence[Front]) -> Path:
-    return images / f"{_slug(fronts[0].environment)}.svg"
+    return images / f"{file_name(fronts[0].environment)}.svg"
 
 
 def _to_json(fronts: Sequence[Front]) -> str:
@@ -243,11 +244,6 @@ def _tree_of(fields: dict[str, Any]) -> DecisionTree:
 
 def _folder(root: Path) -> Path:
     return root / "results" / "fronts"
-
-
-def _slug(environment: str) -> str:
-    """An environment's id as a file's name."""
-    return "".join(c if c.isalnum() or c in "-." else "_" for c in environment)
 
 
 if __name__ == "__main__":

@@ -38,6 +38,11 @@ _LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": [], "
 """What runs may lack, and what it was when they were made."""
 
 
+def file_name(name: str) -> str:
+    """What something is called, an environment's id say, as the name of a file or a folder."""
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+
+
 class RunError(RuntimeError):
     """A run's folder that cannot be made, read or continued; the message says what to do."""
 
