@@ -1,4 +1,4 @@
-"""The README's table of rivals is what the records say."""
+"""What the README says was measured is what the records say."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from sympol.pareto.gallery import load_all, readme
 
 ROOT = Path(__file__).resolve().parents[1]
 SLUGS = {
@@ -42,6 +44,12 @@ def test_the_speed_of_programs_is_as_measured():
         f"{ns['stable-baselines3 predict, one row'] / 1000:.0f} µs by stable-baselines3's `predict`"
     )
     assert f"it is {min(measured['code_bytes']['Cortex-M0+'].values())} bytes" in text
+
+
+def test_the_fronts_are_those_of_the_results():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = text.split("<!-- fronts: python -m sympol.pareto.gallery --readme -->\n")[1]
+    assert shown.split("<!-- end fronts -->")[0] == readme(load_all(ROOT))
 
 
 @pytest.mark.parametrize("row", BODY, ids=[row[0].strip("* ") for row in BODY])

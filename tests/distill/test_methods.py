@@ -83,9 +83,12 @@ def test_of_the_best_candidates_validation_chooses_and_among_equals_the_later():
     good, bad, also_good = always(1, spec), always(0, spec), always(1, spec)
     lucky = [Candidate(9, bad)] * 4
     assert best_of([Candidate(1, good), *lucky], on_gymnasium(teacher), 2, 0) is good
-    assert best_of([Candidate(1, good), *lucky, Candidate(9, bad)], on_gymnasium(teacher), 2, 0) is bad  # no finalist
     assert (
-        best_of([Candidate(1, good), Candidate(1, bad), Candidate(1, also_good)], on_gymnasium(teacher), 2, 0) is also_good
+        best_of([Candidate(1, good), *lucky, Candidate(9, bad)], on_gymnasium(teacher), 2, 0) is bad
+    )  # no finalist
+    assert (
+        best_of([Candidate(1, good), Candidate(1, bad), Candidate(1, also_good)], on_gymnasium(teacher), 2, 0)
+        is also_good
     )
 
 

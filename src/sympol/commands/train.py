@@ -69,7 +69,9 @@ def _same_run(given: Train, agent: Agent) -> Path:
     begun, begins = run.load_start(), agent.start
     was["start"], now["start"] = (None if start is None else start.about() for start in (begun, begins))
     for config, said in ((run.config, was), (agent.config, now)):
-        said.update({name: getattr(config, name) for name in LIMITS})  # which are not written where there are none
+        said.update(
+            {name: getattr(config, name) for name in LIMITS}
+        )  # which are not written where there are none
     changed = [f"{name} {was[name]}, not {now[name]}" for name in was if was[name] != now[name]]
     if begun is not None and begins is not None and begun.tree != begins.tree:
         changed.append(f"another tree in {begins.origin}")

@@ -107,7 +107,9 @@ def load_all(root: Path) -> list[list[Front]]:
 
 def load_parts(root: Path, environment: str) -> list[list[Front]]:
     """Read the searches of a task that took only some roads, fewer roads first."""
-    found = [load(path) for path in sorted((_folder(root) / "roads").glob(f"{file_name(environment)}--*.json"))]
+    found = [
+        load(path) for path in sorted((_folder(root) / "roads").glob(f"{file_name(environment)}--*.json"))
+    ]
     return sorted(found, key=lambda runs: len(runs[0].roads))
 
 
