@@ -49,7 +49,10 @@ def test_the_speed_of_programs_is_as_measured():
 def test_the_fronts_are_those_of_the_results():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     shown = text.split("<!-- fronts: python -m sympol.pareto.gallery --readme -->\n")[1]
-    assert shown.split("<!-- end fronts -->")[0] == readme(load_all(ROOT))
+    tasks = load_all(ROOT)
+    assert shown.split("<!-- end fronts -->")[0] == readme(tasks)
+    best = tasks[0][0].points[-1]
+    assert f"```\n{best.tree.to_text()}\n```" in text
 
 
 @pytest.mark.parametrize("row", BODY, ids=[row[0].strip("* ") for row in BODY])
