@@ -17,6 +17,7 @@ from sympol import DecisionTree
 from sympol.cli import main
 from sympol.distill import Teacher
 from sympol.envs.registry import resolve
+from sympol.experiments.bench import Busy, only_one
 from sympol.pareto.found import FILE, Found, keep, kept
 from sympol.pareto.front import Front, Spent
 from sympol.pareto.plan import Plan
@@ -129,6 +130,15 @@ def test_another_plan_or_another_folder_is_refused(quick, tmp_path):
     with pytest.raises(RunError, match="is no search"):
         begin(QUICK, tmp_path)
     assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_two_searches_do_not_share_a_folder(tmp_path):
+    begin(QUICK, tmp_path / "front")
+    with (
+        only_one(tmp_path / "front"),
+        pytest.raises(Busy, match=r"another search works in .*choose another --out"),
+    ):
+        search(QUICK, tmp_path / "front")
 
 
 def test_what_a_road_found_is_kept_to_the_bit(tmp_path):

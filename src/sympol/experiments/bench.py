@@ -211,8 +211,8 @@ def commit() -> str:
 
 
 @contextlib.contextmanager
-def only_one(runs: Path) -> Iterator[None]:
-    """Let nobody else bench into the folder meanwhile.
+def only_one(runs: Path, what: str = "bench", flag: str = "--runs") -> Iterator[None]:
+    """Let nobody else bench, or search, into the folder meanwhile.
 
     Raises:
         Busy: somebody does.
@@ -227,7 +227,7 @@ def only_one(runs: Path) -> Iterator[None]:
             file.seek(0)
             holder = file.read().strip() or "somebody"
             raise Busy(
-                f"another bench works in {runs}: {holder}; wait for it, or choose another --runs"
+                f"another {what} works in {runs}: {holder}; wait for it, or choose another {flag}"
             ) from None
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}")

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ..envs.registry import resolve
-from ..experiments.bench import commit
+from ..experiments.bench import commit, only_one
 from ..experiments.workers import run_tasks
 from ..refine.evolve import Budget
 from ..runs.about import RunError, versions
@@ -39,10 +39,16 @@ def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = 
         RunError: the folder holds something else, or the search of another plan.
         ValueError: a budget that is too small to find anything.
         TasksFailed: a road that failed.
+        Busy: another search works in the folder.
     """
     begin(plan, folder)
     if (folder / FRONT).exists():
         return Front.load(folder)
+    with only_one(folder, "search", "--out"):
+        return _search(plan, folder, workers, watch)
+
+
+def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Front:
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
     began = time.perf_counter() - _seconds_before(plan, folder)
 
