@@ -150,33 +150,36 @@ class Moves:
         everywhere = paths(root)
         splits = [(path, node) for path, node in everywhere if isinstance(node, Split)]
         leaves = [(path, node) for path, node in everywhere if isinstance(node, Leaf)]
-        kind = rng.choice(len(_CHANCES), p=_CHANCES)
-        if kind >= 3 and splits:
+        kind = _KINDS[rng.choice(len(_KINDS), p=_CHANCES)]
+        if kind in _OF_SPLITS and splits:
             path, split = splits[rng.integers(len(splits))]
             return put(root, path, self._changed_split(split, kind, others, rng))
         path, leaf = leaves[rng.integers(len(leaves))]
-        if kind == 0:
+        if kind == "answer":
             return put(root, path, self._other_answer(leaf, rng))
-        whole = kind == 2 and len(everywhere) > 1
-        path, node = everywhere[rng.integers(len(everywhere))] if whole else (path, leaf)
+        node: Plain = leaf
+        if kind == "grow anywhere" and splits:
+            path, node = everywhere[rng.integers(len(everywhere))]
         left, right = node, self._other_answer(leaf, rng)
         if rng.random() < 0.5:
             left, right = right, left
         return put(root, path, self._question(left, right, rng))
 
     def _changed_split(
-        self, split: Split, kind: int, others: Sequence[Plain], rng: np.random.Generator
+        self, split: Split, kind: str, others: Sequence[Plain], rng: np.random.Generator
     ) -> Plain:
-        if kind == 3:
-            return split._replace(threshold=self._near(split, rng))
-        if kind == 4:
-            return self._question(split.left, split.right, rng)
-        if kind == 5:
-            return split.left if rng.random() < 0.5 else split.right
-        if kind == 6:
-            return split._replace(left=split.right, right=split.left)
-        other = paths(others[int(rng.integers(len(others)))])
-        return other[int(rng.integers(len(other)))][1]
+        match kind:
+            case "threshold":
+                return split._replace(threshold=self._near(split, rng))
+            case "question":
+                return self._question(split.left, split.right, rng)
+            case "drop":
+                return split.left if rng.random() < 0.5 else split.right
+            case "swap":
+                return split._replace(left=split.right, right=split.left)
+            case _:  # "graft"
+                other = paths(others[int(rng.integers(len(others)))])
+                return other[int(rng.integers(len(other)))][1]
 
     def _question(self, left: Plain, right: Plain, rng: np.random.Generator) -> Split:
         asked = [feature for feature, values in enumerate(self.seen) if len(values) > 1]
@@ -212,9 +215,12 @@ class Moves:
         return np.where(np.isfinite(low), low, -1.0), np.where(np.isfinite(high), high, 1.0)
 
 
-_CHANCES = np.array([0.16, 0.1, 0.04, 0.4, 0.1, 0.12, 0.02, 0.06])
-"""Of another answer, a question at a leaf, a question anywhere, another threshold, another question, one side instead
-of a split, sides swapped, a subtree of another tree."""
+_OF_LEAVES = {"answer": 0.16, "grow": 0.1, "grow anywhere": 0.04}
+"""Another answer; a question in place of a leaf, or above any node, with an answer on its other side."""
+_OF_SPLITS = {"threshold": 0.4, "question": 0.1, "drop": 0.12, "swap": 0.02, "graft": 0.06}
+"""Another threshold, another question, one side in place of both, sides swapped, a subtree of another tree."""
+_KINDS = (*_OF_LEAVES, *_OF_SPLITS)
+_CHANCES = np.array([*_OF_LEAVES.values(), *_OF_SPLITS.values()])
 
 
 def _sure(n: int, choice: int) -> tuple[float, ...]:
