@@ -10,7 +10,7 @@ from gymnasium.spaces import Box, MultiDiscrete
 
 from sympol.distill import METHODS, Demonstrations, Teacher, demonstrations, distill, imitate
 from sympol.distill.dagger import dagger, draw_uniformly
-from sympol.distill.imitate import Candidate, best_of, on_gymnasium, iteration_seed
+from sympol.distill.imitate import Candidate, best_of, iteration_seed, on_gymnasium
 from sympol.distill.sa_dt import sa_dt
 from sympol.distill.viper import draw_by_loss, losses, viper
 from sympol.play import episode_seed, play
