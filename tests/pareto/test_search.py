@@ -13,6 +13,7 @@ import warnings
 import numpy as np
 import pytest
 
+import sympol
 from sympol import DecisionTree
 from sympol.cli import main
 from sympol.distill import Teacher
@@ -22,7 +23,7 @@ from sympol.pareto.found import FILE, Found, keep, kept
 from sympol.pareto.front import Front, Spent
 from sympol.pareto.plan import Plan
 from sympol.pareto.roads import _warn_of_poor_teacher
-from sympol.pareto.search import begin, search
+from sympol.pareto.search import _share, begin, search
 from sympol.play import play
 from sympol.runs.about import RunError
 
@@ -166,6 +167,24 @@ def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         _warn_of_poor_teacher(good)
+
+
+@pytest.mark.slow
+def test_a_poor_teacher_is_told_of_where_the_search_was_asked_for(tmp_path):
+    lazy = sympol.PPO("mlp", "CartPole-v1", total_timesteps=8192, learning_rate_actor=1e-12)
+    lazy.learn(progress_bar=False).save(tmp_path / "lazy")
+    plan = Plan(
+        "CartPole-v1", max_nodes=3, roads=("teacher",), budget="2M steps", teacher=str(tmp_path / "lazy")
+    )
+    with pytest.warns(UserWarning, match=r"teacher: the teacher earns .*, less than a random policy does"):
+        search(plan, tmp_path / "front", workers=2)
+
+
+def test_what_a_road_had_taken_is_not_taken_from_it_again():
+    plan = Plan("CartPole-v1", roads=("scratch", "evolve"), budget="100s")
+    whole = _share(plan, "evolve", 30.0).seconds  # scratch took 30
+    assert whole == pytest.approx(60)  # ten are for choosing
+    assert _share(plan, "scratch", 0.0).seconds == pytest.approx(100 * plan.share("scratch"))
 
 
 @pytest.mark.parametrize(

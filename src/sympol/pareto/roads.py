@@ -77,15 +77,17 @@ def place(folder: Path, road: str, index: int) -> Path:
     return folder / road / str(index)
 
 
-def walk(plan: dict[str, Any], folder: str, road: str, index: int, seconds: float, steps: float) -> str:
-    """Do one task of `tasks`; what it has found is in its `place` then."""
+def walk(plan: dict[str, Any], folder: str, road: str, index: int, seconds: float, steps: float) -> list[str]:
+    """Do one task of `tasks`; what it has found is in its `place` then. Return what was warned of."""
     use_disk_cache()
     asked = Plan.from_dict(plan)
     spec = resolve(asked.env, env_kwargs=asked.env_kwargs)
     site = Site(asked, spec, Path(folder), index, place(Path(folder), road, index), Budget(steps, seconds))
-    if not kept(site.folder)[1]:
-        {"scratch": _scratch, "teacher": _teacher, "evolve": _evolve}[road](site)
-    return str(site.folder)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        if not kept(site.folder)[1]:
+            {"scratch": _scratch, "teacher": _teacher, "evolve": _evolve}[road](site)
+    return list(dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning)))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -16,7 +17,7 @@ from typing import TypeAlias
 
 from ..envs.registry import resolve
 from ..experiments.bench import commit, only_one
-from ..experiments.workers import run_tasks
+from ..experiments.workers import Task, run_tasks
 from ..refine.evolve import Budget
 from ..runs.about import RunError, versions
 from ..runs.checkpoint import write_atomically
@@ -50,7 +51,8 @@ def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = 
 
 def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Front:
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
-    began = time.perf_counter() - _seconds_before(plan, folder)
+    before = _seconds_before(plan, folder)
+    began = time.perf_counter() - sum(before.values())
 
     def now(doing: str) -> float:
         elapsed = time.perf_counter() - began
@@ -59,8 +61,8 @@ def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Fron
         return elapsed
 
     for road in plan.roads:
-        todo = tasks(plan, folder, road, _share(plan, road, now(road)))
-        run_tasks(todo, workers=workers, on_done=lambda task, result: None, progress=False)
+        todo = tasks(plan, folder, road, _share(plan, road, now(road) - before[road]))
+        run_tasks(todo, workers=workers, on_done=_warn, progress=False)
     found, spent = collected(plan, folder)
     if not found:
         raise ValueError(
@@ -126,20 +128,27 @@ def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:
     return found, spent
 
 
-def _seconds_before(plan: Plan, folder: Path) -> float:
-    """What roads had taken when the search was interrupted, their tasks side by side."""
-    every = {road: tasks(plan, folder, road, Budget()) for road in plan.roads}
-    found = {
-        road: [kept(place(folder, road, task.arguments["index"]))[0] for task in of]
-        for road, of in every.items()
+def _warn(task: Task, messages: list[str]) -> None:
+    """Say here what was warned of in a worker."""
+    for message in messages:
+        warnings.warn(f"{task.name}: {message}", stacklevel=2)
+
+
+def _seconds_before(plan: Plan, folder: Path) -> dict[str, float]:
+    """What each road had taken when the search was interrupted, its tasks side by side."""
+
+    def seconds(task: Task, road: str) -> float:
+        return max(
+            (one.spent.seconds for one in kept(place(folder, road, task.arguments["index"]))[0]), default=0.0
+        )
+
+    return {
+        road: max(seconds(task, road) for task in tasks(plan, folder, road, Budget())) for road in plan.roads
     }
-    return sum(
-        max((one.spent.seconds for trees in of for one in trees), default=0.0) for of in found.values()
-    )
 
 
 def _share(plan: Plan, road: str, elapsed: float) -> Budget:
-    """What a road may take: its part, the last one all that is left."""
+    """What a road may take in all: its part, the last one all that the others have left in ``elapsed`` seconds."""
     if road == plan.roads[-1]:
         return Budget(plan.steps * plan.share(road), max(1.0, plan.seconds * (1 - CHOOSING) - elapsed))
     return Budget(plan.steps * plan.share(road), plan.seconds * plan.share(road))
