@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 os.environ["JAX_PLATFORMS"] = "cpu"
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # begun in the background of a script, as CI may be
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # or what tests interrupt would never hear of it
 
 import jax
 
