@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
 from collections.abc import Sequence
@@ -14,13 +13,13 @@ from typing import Annotated, Literal
 import tyro
 
 from ..envs.registry import resolve
-from ..experiments.workers.threads import use_one_thread
+from ..experiments.workers.threads import cores, use_one_thread
 from ..pareto.files import fields_of, point_fields
 from ..pareto.front import Front
 from ..pareto.live import Live
 from ..pareto.plan import SHARES, Plan
 from ..pareto.plot import plot
-from ..pareto.search import begin, search
+from ..pareto.search import PLAN, begin, search
 from ..pareto.words import next_steps, spent_words, table
 from ..runs.about import RunError, file_name
 from .arguments import Text
@@ -113,7 +112,7 @@ def pareto(arguments: Sequence[str]) -> int:
         )
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
     folder = given.out or Path("runs") / f"{file_name(spec.name)}-front-{given.seed}"
-    if given.overwrite and (folder / "plan.json").exists():
+    if given.overwrite and (folder / PLAN).exists():
         shutil.rmtree(folder)
     begin(plan, folder)
     err.print(
@@ -122,7 +121,7 @@ def pareto(arguments: Sequence[str]) -> int:
     )
     try:
         with Live(plan, folder, err) as live, warnings_in_one_line():
-            front = search(plan, folder, workers=given.workers or min(2, _cores()), watch=live.watch)
+            front = search(plan, folder, workers=given.workers or min(2, cores()), watch=live.watch)
     except KeyboardInterrupt:
         err.print(
             f"stopped; the same command goes on, as long as {shlex.quote(str(folder))} is there", markup=False
@@ -148,7 +147,3 @@ def _show(front: Front, folder: Path, *, as_json: bool) -> None:
     width = max(len(command) for command, _ in steps)
     for command, what in steps:
         out.print(f"  {command.ljust(width)}  {what}", markup=False, soft_wrap=True)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -14,6 +14,11 @@ def threads() -> int:
     for name in _SAID:
         if os.environ.get(name, "").isdigit():
             return int(os.environ[name])
+    return cores()
+
+
+def cores() -> int:
+    """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
