@@ -147,6 +147,20 @@ def test_other_methods_make_trees_of_a_run(run, tmp_path, method, depth):
     assert read_summary(tmp_path / "a")["distilled"]["depth"] == depth
 
 
+def test_a_limit_of_nodes_in_place_of_a_depth(run, capsys):
+    assert status_of("distill", run, "--method", "viper", "--max-nodes", "9", *QUICK) == 0
+    path = run / "distilled" / "viper-9-nodes"
+    assert Run.open(path).load_tree().n_nodes <= 9
+    assert read_summary(path)["distilled"] == {
+        "method": "viper", "max_nodes": 9, "seed": 0, "teacher": str(run),
+    }  # fmt: skip
+    capsys.readouterr()
+    assert "max_nodes must be odd" in refused(capsys, "distill", run, "--method", "viper", "--max-nodes", "8")
+    assert "--max-nodes belongs to sa-dt, viper, dagger; discretize has none" in refused(
+        capsys, "distill", run, "--method", "discretize", "--max-nodes", "9"
+    )
+
+
 @pytest.mark.parametrize(("name", "method"), [("lean", "dagger"), ("model", "dagger"), ("sure", "viper")])
 def test_a_function_is_a_teacher(module, name, method, capsys):
     options = ["--env", "CartPole-v1", "--depth", "2", *QUICK]

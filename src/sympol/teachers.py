@@ -26,8 +26,6 @@ from .trees.actions import BoxActions, MultiDiscreteActions
 
 DISCRETIZE = "discretize"
 ALL_METHODS = (*METHODS, DISCRETIZE)
-DEPTH = 5
-"""Of a distilled tree, where nothing else is asked for."""
 
 
 def distill_policy(
@@ -48,12 +46,13 @@ def distill_policy(
             ``action_probabilities``, if it has these, are asked in the same way.
         method: ``"viper"``, ``"dagger"``, ``"sa-dt"``, or ``"discretize"`` for a soft decision tree. By default
             `default_method`.
-        depth: Most comparisons before an answer, 5 by default; a soft tree that is discretized keeps its own.
+        depth: Most comparisons before an answer, 5 by default, any number where ``max_nodes`` is given; a soft tree
+            that is discretized keeps its own.
         env: Where the teacher acts: an id, a Gymnasium environment, or a function that makes one. Only agents and
             a `Teacher` know by themselves.
         seed: The same seed gives the same tree, bit for bit.
         prune: Leave out what changes no action, as `Agent.tree` does.
-        options: The method's own, see `sympol.distill.distill`.
+        options: ``max_nodes``, and the method's own, see `sympol.distill.distill`.
 
     Raises:
         ValueError: a method that does not fit the teacher, a teacher that does not fit the environment or answers
@@ -69,7 +68,7 @@ def distill_policy(
     elif method not in ALL_METHODS:
         raise ValueError(f"method must be one of {', '.join(ALL_METHODS)}, got {method!r}")
     else:
-        tree = distill(asked, method, DEPTH if depth is None else depth, seed, **options)
+        tree = distill(asked, method, depth, seed, **options)
     return tree.prune(observations=asked.spec.all_observations()) if prune else tree
 
 

@@ -104,6 +104,51 @@ def test_the_tree_speaks_of_the_environment():
     assert tree.depth <= 3
 
 
+@pytest.mark.parametrize("max_nodes", [3, 5, 15, 31])
+def test_a_limit_of_nodes_is_spent_where_it_gains_most(max_nodes: int):
+    """Best-first: of all trees with one split more, CART's next is that of the greatest gain in impurity."""
+    x = RNG.normal(size=(400, 4)).astype(np.float32)
+    x[:, 0] = np.abs(x[:, 0])
+    y = ((x[:, 0] > 0.3) * (np.floor(8 * x[:, 0]) % 2)).astype(
+        int
+    )  # stripes on one side: a deep, narrow tree
+    tree = fit_cart(x, y, CARTPOLE, depth=None, max_nodes=max_nodes, seed=0)
+    whole = fit_cart(x, y, CARTPOLE, depth=None, seed=0)
+    assert tree.n_nodes == max_nodes
+    assert _impurity(tree, x, y) == pytest.approx(_greedy(whole, x, y, max_nodes), abs=1e-9)
+    both = fit_cart(x, y, CARTPOLE, depth=2, max_nodes=max_nodes, seed=0)
+    assert both.depth <= 2
+    assert both.n_nodes <= max_nodes
+
+
+def _impurity(tree: Any, x: np.ndarray, y: np.ndarray) -> float:
+    """Gini, summed over leaves by their weight."""
+    leaf = tree.apply(x)
+    return sum(_gini(y[leaf == each]) for each in np.unique(leaf))
+
+
+def _gini(y: np.ndarray) -> float:
+    return len(y) * (1 - sum((y == each).mean() ** 2 for each in np.unique(y))) if len(y) else 0.0
+
+
+def _greedy(whole: Any, x: np.ndarray, y: np.ndarray, max_nodes: int) -> float:
+    """Open the whole tree split by split, always the one that lowers the impurity most."""
+    comes_by = whole.decision_path(x)
+
+    def gain(node: int) -> float:
+        if whole.is_leaf[node]:
+            return -1.0
+        children = whole.children_left[node], whole.children_right[node]
+        return _gini(y[comes_by[:, node]]) - sum(_gini(y[comes_by[:, child]]) for child in children)
+
+    open_nodes, nodes = {0}, 1
+    while nodes < max_nodes:
+        best = max(open_nodes, key=gain)
+        open_nodes = open_nodes - {best} | {int(whole.children_left[best]), int(whole.children_right[best])}
+        nodes += 2
+    return sum(_gini(y[comes_by[:, node]]) for node in open_nodes)
+
+
 def test_bounds_that_the_environment_broke_are_not_believed():
     x = np.array([[0, 0, 0, 0], [9, 0, -9, 0]], np.float32)
     tree = fit_cart(x, np.array([0, 1]), CARTPOLE, depth=1, seed=0)

@@ -72,6 +72,21 @@ def test_each_tree_learns_from_what_all_before_it_came_by(monkeypatch: pytest.Mo
     assert {seed % 2 for seed in seeds[-20:]} == {0}
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_limit_of_nodes_holds_and_the_depth_is_free_then(method: str):
+    options = {"num_episodes": 4} if method == "sa-dt" else QUICK
+    tree = distill(cartpole(), method, max_nodes=15, **options)
+    assert tree.n_nodes <= 15
+    assert tree.depth > 3  # a complete tree of 15 nodes has depth 3
+    assert distill(cartpole(), method, depth=2, max_nodes=15, **options).depth <= 2
+
+
+@pytest.mark.parametrize("max_nodes", [1, 0, 8, 7.0])
+def test_numbers_of_nodes_that_no_tree_with_a_question_has_are_refused(max_nodes: Any):
+    with pytest.raises(ValueError, match=rf"max_nodes must be .*, got {max_nodes}"):
+        distill(cartpole(), "dagger", max_nodes=max_nodes)
+
+
 def test_iterations_have_episodes_of_their_own():
     seeds = {iteration_seed(seed, i) for seed in range(30) for i in range(1, 50)}
     assert len(seeds) == 30 * 49

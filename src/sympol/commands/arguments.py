@@ -211,7 +211,11 @@ class Distill:
     """By default discretize for a soft tree, viper for a teacher whose actions have values, else dagger."""
 
     depth: int | None = None
-    """Most comparisons before an answer: 5 by default; with discretize, the soft tree's own."""
+    """Most comparisons before an answer: 5 by default, any number with --max-nodes; with discretize, the soft tree's
+    own."""
+
+    max_nodes: int | None = None
+    """Most nodes, leaves among them, an odd number: the tree grows where that gains most."""
 
     env: str | None = None
     """Gymnasium id of where the teacher acts; a run knows its own."""
@@ -235,7 +239,7 @@ class Distill:
     """Test episodes on Gymnasium, the same for the tree and its teacher."""
 
     out: Path | None = None
-    """The tree's folder; by default RUN/distilled/METHOD-DEPTH, or runs/ENV-METHOD-DEPTH."""
+    """The tree's folder; by default RUN/distilled/METHOD-DEPTH, or runs/ENV-METHOD-DEPTH, or METHOD-63-nodes."""
 
     overwrite: bool = False
     """Replace the run that is there."""

@@ -17,12 +17,13 @@ import numpy as np
 from ..agents import Agent, load
 from ..algos.config import Config
 from ..distill import Iteration, Teacher, load_sb3
+from ..distill.dataset import Limits
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..play import play
 from ..runs.about import RunError, file_name, versions
 from ..runs.folder import Run, require_free
-from ..teachers import ALL_METHODS, DEPTH, DISCRETIZE, as_teacher, default_method, distill_policy
+from ..teachers import ALL_METHODS, DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from .arguments import Distill
@@ -31,7 +32,12 @@ from .parse import env_kwargs, parse
 from .say import err, one_line_errors, out, print_next, summary_words
 
 _IN_TURNS = {"episodes": "episodes_per_iteration", "iterations": "num_iterations"}
-_OPTIONS = {"sa-dt": {"episodes": "num_episodes"}, "viper": _IN_TURNS, "dagger": _IN_TURNS}
+_NODES = {"max_nodes": "max_nodes"}
+_OPTIONS = {
+    "sa-dt": {"episodes": "num_episodes", **_NODES},
+    "viper": {**_IN_TURNS, **_NODES},
+    "dagger": {**_IN_TURNS, **_NODES},
+}
 """What the flags are to each method."""
 
 
@@ -45,8 +51,8 @@ def distill(arguments: Sequence[str]) -> int:
         raise ValueError(f"--eval-episodes must be at least 1, got {given.eval_episodes}")
     policy, teacher = find_teacher(given)
     method = given.method or default_method(policy, teacher)
-    options, depth = _options(given, method), _depth(given, method, policy)
-    path = _folder(given, teacher.spec, f"{method}-{depth}")
+    options, size = _options(given, method), _size(given, method, policy)
+    path = _folder(given, teacher.spec, "-".join([method, *_size_words(size)]))
     require_free(path, overwrite=given.overwrite, distilled=True)  # before the work, not after it
     began = time.perf_counter()
     with err.status(f"distilling by {method}") as status:
@@ -64,7 +70,7 @@ def distill(arguments: Sequence[str]) -> int:
         given.seed,
         eval_episodes=given.eval_episodes,
         overwrite=given.overwrite,
-        distilled={"method": method, "depth": depth, "seed": given.seed, "teacher": given.teacher},
+        distilled={"method": method, **size, "seed": given.seed, "teacher": given.teacher},
     )
     summary = _finish(run, teacher, full, tree, given.eval_episodes) | {"distill_seconds": round(seconds, 3)}
     run.save_summary(summary)
@@ -126,20 +132,28 @@ def _import(module: str, name: str) -> Any:
 
 
 def _options(given: Distill, method: str) -> dict[str, Any]:
-    flags = {"episodes": given.episodes, "iterations": given.iterations}
+    flags = {"episodes": given.episodes, "iterations": given.iterations, "max_nodes": given.max_nodes}
     named = _OPTIONS.get(method, {})
     for flag, value in flags.items():
         if value is not None and flag not in named:
             which = ", ".join(name for name in ALL_METHODS if flag in _OPTIONS.get(name, {}))
-            raise ValueError(f"--{flag} belongs to {which}; {method} has none, so leave it out")
+            raise ValueError(
+                f"--{flag.replace('_', '-')} belongs to {which}; {method} has none, so leave it out"
+            )
     return {named[flag]: value for flag, value in flags.items() if value is not None}
 
 
-def _depth(given: Distill, method: str, policy: Any) -> int:
-    """What the depth will be; only discretize does not choose it."""
+def _size(given: Distill, method: str, policy: Any) -> dict[str, int]:
+    """What the limits will be; only discretize does not choose its depth."""
     if method == DISCRETIZE and isinstance(policy, Agent):
-        return policy.config.depth
-    return DEPTH if given.depth is None else given.depth
+        return {"depth": policy.config.depth}
+    limits = Limits.of(given.depth, given.max_nodes)._asdict()
+    return {name: limit for name, limit in limits.items() if limit is not None}
+
+
+def _size_words(size: dict[str, int]) -> list[str]:
+    words = {"depth": "{}", "max_nodes": "{}-nodes"}
+    return [words[name].format(limit) for name, limit in size.items()]
 
 
 def _progress_words(method: str, at: Iteration) -> str:

@@ -31,11 +31,11 @@ __all__ = [
 ]
 
 METHODS: Mapping[str, Callable[..., DecisionTree]] = {"sa-dt": sa_dt, "viper": viper, "dagger": dagger}
-"""By name; each takes a teacher, ``depth``, ``seed`` and options of its own."""
+"""By name; each takes a teacher, ``depth``, ``max_nodes``, ``seed`` and options of its own."""
 
 
 def distill(
-    teacher: Teacher, method: str = "viper", depth: int = 5, seed: int = 0, **options: Any
+    teacher: Teacher, method: str = "viper", depth: int | None = None, seed: int = 0, **options: Any
 ) -> DecisionTree:
     """Make a tree of a teacher by one of the `METHODS`.
 
@@ -43,9 +43,10 @@ def distill(
         teacher: Who knows what to do, and where.
         method: ``"viper"`` (discrete actions, and a teacher with action values), ``"dagger"`` (any), or
             ``"sa-dt"`` (any; the teacher's own episodes alone).
-        depth: Most comparisons before an answer.
+        depth: Most comparisons before an answer; by default 5, or any number where ``max_nodes`` is given.
         seed: The same seed gives the same tree, bit for bit.
-        options: The method's own: ``num_episodes`` of sa_dt; ``num_iterations``, ``episodes_per_iteration``,
+        options: ``max_nodes``, an odd number: the most nodes, leaves among them; the tree then grows where that gains
+            most. And the method's own: ``num_episodes`` of sa_dt; ``num_iterations``, ``episodes_per_iteration``,
             ``max_samples``, ``num_validation_episodes``, ``progress`` and ``play_tree`` of viper and dagger.
 
     Raises:

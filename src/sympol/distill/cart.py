@@ -17,12 +17,19 @@ if TYPE_CHECKING:
 
 
 def fit_cart(
-    x: Float32[np.ndarray, "samples features"], actions: np.ndarray, spec: EnvSpec, *, depth: int, seed: int
+    x: Float32[np.ndarray, "samples features"],
+    actions: np.ndarray,
+    spec: EnvSpec,
+    *,
+    depth: int | None,
+    seed: int,
+    max_nodes: int | None = None,
 ) -> DecisionTree:
     """Grow a tree by CART (Breiman et al. 1984) on observations and the actions to take in them.
 
     Discrete actions are classified by Gini impurity, several components at once; continuous ones are regressed by
-    squared error. Which of equally good splits is taken depends on ``seed``, and on nothing else.
+    squared error. Which of equally good splits is taken depends on ``seed``, and on nothing else. Where the number of
+    nodes is limited the tree grows where that gains most, and not level by level.
 
     Raises:
         ImportError: scikit-learn is not installed.
@@ -42,7 +49,8 @@ def fit_cart(
         )
     kind = DecisionTreeRegressor if isinstance(spec.actions, BoxActions) else DecisionTreeClassifier
     targets = actions if actions.ndim == 1 else actions.reshape(len(actions), -1)
-    estimator = kind(max_depth=depth, random_state=seed).fit(x, targets)
+    leaves = None if max_nodes is None else (max_nodes + 1) // 2
+    estimator = kind(max_depth=depth, max_leaf_nodes=leaves, random_state=seed).fit(x, targets)
     return _within_seen_bounds(from_sklearn(estimator, spec), spec, x)
 
 

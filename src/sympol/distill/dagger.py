@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..trees import DecisionTree
-from .dataset import Demonstrations
+from .dataset import Demonstrations, Limits
 from .imitate import Play, Progress, Schedule, imitate
 from .teacher import Teacher
 
 
 def dagger(
     teacher: Teacher,
-    depth: int = 5,
+    depth: int | None = None,
     num_iterations: int = 20,
     episodes_per_iteration: int = 10,
     max_samples: int = 100_000,
@@ -20,12 +20,14 @@ def dagger(
     seed: int = 0,
     progress: Progress | None = None,
     play_tree: Play | None = None,
+    max_nodes: int | None = None,
 ) -> DecisionTree:
     """Fit trees on all states that the teacher and earlier trees came by (Ross et al. 2011); return the best.
 
     Continuous actions are regressed. Of the first iteration the teacher is the player, of all later ones the tree
     before; the best is chosen by mean return over validation episodes. Of more than ``max_samples`` demonstrations
     so many are drawn, without regard to what they cost. The same seed gives the same tree, bit for bit.
+    ``depth`` and ``max_nodes`` are as of `distill`.
 
     Raises:
         ValueError: an argument out of bounds, or a teacher whose answers do not fit.
@@ -35,7 +37,7 @@ def dagger(
     return imitate(
         teacher,
         schedule,
-        depth=depth,
+        limits=Limits.of(depth, max_nodes),
         seed=seed,
         draw=draw_uniformly,
         progress=progress,

@@ -13,6 +13,8 @@ from .teacher import Teacher
 
 Losses = Callable[[np.ndarray], np.ndarray]
 """What it may cost to act wrongly in each of the observations ``[samples, features]``."""
+DEPTH = 5
+"""Of a tree, where nothing else is asked for."""
 
 
 class Demonstrations(NamedTuple):
@@ -73,6 +75,31 @@ def require_positive(**numbers: int) -> None:
     for name, number in numbers.items():
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
             raise ValueError(f"{name} must be a whole number of at least 1, got {number!r}")
+
+
+class Limits(NamedTuple):
+    """How large a tree may be: most comparisons before an answer, most nodes; None is no limit."""
+
+    depth: int | None
+    max_nodes: int | None
+
+    @staticmethod
+    def of(depth: int | None, max_nodes: int | None) -> Limits:
+        """What a user asked for; where nothing is said, `DEPTH`.
+
+        Raises:
+            ValueError: a depth below one, or a number of nodes that no tree with a question has.
+        """
+        if depth is not None:
+            require_positive(depth=depth)
+        if max_nodes is None:
+            return Limits(DEPTH if depth is None else depth, None)
+        require_positive(max_nodes=max_nodes)
+        if max_nodes < 3 or max_nodes % 2 == 0:
+            raise ValueError(
+                f"max_nodes must be odd and at least 3, as a tree has one leaf more than it has splits, got {max_nodes}"
+            )
+        return Limits(depth, max_nodes)
 
 
 def require_seed(seed: int) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from ..play import Episodes, Purpose, play
 from ..trees import DecisionTree
 from .cart import fit_cart
-from .dataset import Demonstrations, Losses, labelled, require_positive, require_seed
+from .dataset import Demonstrations, Limits, Losses, labelled, require_positive, require_seed
 from .teacher import Teacher
 
 Draw: TypeAlias = Callable[[Demonstrations, int, np.random.Generator], Demonstrations]
@@ -67,7 +67,7 @@ def imitate(
     teacher: Teacher,
     schedule: Schedule,
     *,
-    depth: int,
+    limits: Limits,
     seed: int,
     draw: Draw,
     losses: Losses | None = None,
@@ -81,7 +81,6 @@ def imitate(
     that each has a mean return on episodes new to it; the best few of them then play the same validation episodes,
     which nothing learns from and which alone decide. Trees play on Gymnasium, or by ``play_tree``.
     """
-    require_positive(depth=depth)
     require_seed(seed)
     spec, num_episodes = teacher.spec, schedule.episodes_per_iteration
     play_tree = play_tree or on_gymnasium(teacher)
@@ -90,7 +89,7 @@ def imitate(
     candidates: list[Candidate] = []
     for i in range(1, schedule.num_iterations + 1):
         sample = draw(collected, schedule.max_samples, np.random.default_rng([seed, i]))
-        tree = fit_cart(sample.observations, sample.actions, spec, depth=depth, seed=seed)
+        tree = fit_cart(sample.observations, sample.actions, spec, seed=seed, **limits._asdict())
         played = play_tree(tree, num_episodes, iteration_seed(seed, i), "distill")
         candidates.append(Candidate(float(played.returns.mean()), tree))
         if progress is not None:

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from ..trees import DecisionTree
 from .cart import fit_cart
-from .dataset import demonstrations, require_positive
+from .dataset import Limits, demonstrations
 from .teacher import Teacher
 
 
-def sa_dt(teacher: Teacher, depth: int = 5, num_episodes: int = 25, seed: int = 0) -> DecisionTree:
+def sa_dt(
+    teacher: Teacher,
+    depth: int | None = None,
+    num_episodes: int = 25,
+    seed: int = 0,
+    max_nodes: int | None = None,
+) -> DecisionTree:
     """Fit a tree once, on the teacher's own episodes: behavioural cloning.
 
     The tree never sees where its own mistakes lead; `dagger` and `viper` do. Any action space. The same seed gives
-    the same tree, bit for bit.
+    the same tree, bit for bit. ``depth`` and ``max_nodes`` are as of `distill`.
 
     Raises:
         ValueError: an argument out of bounds, or a teacher whose answers do not fit.
         ImportError: scikit-learn is not installed.
     """
-    require_positive(depth=depth)
+    limits = Limits.of(depth, max_nodes)
     seen = demonstrations(teacher, num_episodes, seed)
-    return fit_cart(seen.observations, seen.actions, teacher.spec, depth=depth, seed=seed)
+    return fit_cart(seen.observations, seen.actions, teacher.spec, seed=seed, **limits._asdict())

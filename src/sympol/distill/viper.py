@@ -7,14 +7,14 @@ from jaxtyping import Float64
 
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions, MultiDiscreteActions
-from .dataset import Demonstrations
+from .dataset import Demonstrations, Limits
 from .imitate import Play, Progress, Schedule, imitate
 from .teacher import Teacher
 
 
 def viper(
     teacher: Teacher,
-    depth: int = 5,
+    depth: int | None = None,
     num_iterations: int = 20,
     episodes_per_iteration: int = 10,
     max_samples: int = 100_000,
@@ -22,13 +22,14 @@ def viper(
     seed: int = 0,
     progress: Progress | None = None,
     play_tree: Play | None = None,
+    max_nodes: int | None = None,
 ) -> DecisionTree:
     """Fit trees, as `dagger` does, on states drawn in proportion to what acting wrongly there may cost.
 
     The cost of a state is ℓ(s) = max_a Q(s, a) − min_a Q(s, a). For a policy-gradient teacher Q = log π: under
     maximum entropy π(a | s) ∝ exp Q(s, a), and what depends on s alone cancels. In each iteration as many
     states are drawn, with replacement, as there are, and ``max_samples`` at most. The same seed gives the same tree,
-    bit for bit.
+    bit for bit. ``depth`` and ``max_nodes`` are as of `distill`.
 
     Raises:
         ValueError: continuous actions, a teacher without action values, an argument out of bounds, or a teacher
@@ -50,7 +51,7 @@ def viper(
     return imitate(
         teacher,
         schedule,
-        depth=depth,
+        limits=Limits.of(depth, max_nodes),
         seed=seed,
         draw=draw_by_loss,
         losses=lambda x: losses(teacher, x),
