@@ -56,7 +56,7 @@ class Pareto:
     """Of everything random."""
 
     roads: tuple[Literal["scratch", "teacher", "evolve"], ...] = tuple(SHARES)  # pyright: ignore[reportAssignmentType]
-    """What to try: scratch (trees trained by PPO), teacher (an MLP, distilled, trained on as a tree), evolve (changes
+    """What to try: scratch (trees trained by PPO), teacher (an MLP, distilled, pruned, polished), evolve (changes
     at random of whatever the others found, or of random trees)."""
 
     teacher: str = ""
@@ -64,6 +64,9 @@ class Pareto:
 
     trainings: int = 2
     """From scratch, seeds of their own."""
+
+    teachers: int = 2
+    """Trained, or distillations of the one that is given, seeds of their own."""
 
     islands: int = 2
     """Searches by evolution, seeds of their own."""
@@ -103,6 +106,7 @@ def pareto(arguments: Sequence[str]) -> int:
         roads=given.roads,
         teacher=given.teacher,
         trainings=given.trainings,
+        teachers=given.teachers,
         islands=given.islands,
         eval_episodes=given.eval_episodes,
     )

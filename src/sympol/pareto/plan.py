@@ -44,6 +44,8 @@ class Plan:
     """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
     trainings: int = 2
     """From scratch."""
+    teachers: int = 2
+    """Each trained, or distilled if one is given, with seeds of its own."""
     islands: int = 2
     """Searches by evolution, each with seeds of its own."""
     eval_episodes: int = 100
@@ -65,7 +67,7 @@ class Plan:
                 f"max_nodes must be odd and at least 1, got {self.max_nodes}: a tree has one leaf more than it has "
                 f"splits; give {near}"
             )
-        for name in ("trainings", "islands"):
+        for name in ("trainings", "teachers", "islands"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         if self.eval_episodes < 2:
@@ -74,7 +76,7 @@ class Plan:
 
     def _check_budget(self) -> None:
         _read(self.budget)
-        number = {"scratch": self.trainings, "teacher": 2, "evolve": self.islands}
+        number = {"scratch": self.trainings, "teacher": 2 * self.teachers, "evolve": self.islands}
         least = max(LEAST_STEPS * number[road] / self.share(road) for road in self.roads)
         if self.seconds < LEAST_SECONDS or self.steps < least:
             raise ValueError(

@@ -32,6 +32,8 @@ WATCHED = 16
 """Episodes that are observed, to know how widely features spread."""
 TOLD = 10
 """Generations between two reports."""
+FLAT = 10
+"""Generations in which all trees earn the same, after which nothing is left to gain."""
 JUDGED = 4
 """Times the episodes of a generation, to say at the end whether anything was gained."""
 
@@ -99,6 +101,8 @@ def polish(
             middle = numbers.moved(search.result.xfavorite)
             seconds = time.perf_counter() - began
             progress(Polished(middle, arena.steps - before, seconds, float(means.mean())))
+    if not generation:
+        return tree
     middle = numbers.moved(search.result.xfavorite)
     judged = range(next_episode, next_episode + JUDGED * episodes)
     given, found = arena.play([tree, middle], judged).returns.mean(axis=1, dtype=np.float64)
@@ -164,7 +168,11 @@ def _strategy(size: int, seed: int) -> Any:
     options = {
         "randn": lambda *shape: rng.standard_normal(shape),
         "seed": math.nan,  # do not seed NumPy
-        "tolstagnation": math.inf,  # returns are noisy: that the best was long ago means little
+        # returns are noisy: neither that the best was long ago nor that it is always the same means much
+        "tolstagnation": math.inf,
+        "tolfun": 0,
+        "tolfunhist": 0,
+        "tolflatfitness": FLAT,
         "verbose": -10,  # no words, and no file of signals is read
     }
     return CMAEvolutionStrategy(np.zeros(size), STEP, options)
