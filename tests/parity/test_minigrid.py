@@ -117,7 +117,7 @@ def test_first_observations_rewards_and_time_limit(env_id: str) -> None:
     np.testing.assert_array_equal(jax.vmap(env.observe)(states_of(env, worlds)), np.stack(observations))
     for time in range(farama.max_steps + 1):
         farama.step_count = time
-        assert env._rewards[time] == np.float32(farama._reward())
+        assert env.rewards[time] == np.float32(farama._reward())
 
 
 def test_the_observation_is_farama_s_one_hot_image() -> None:

@@ -75,12 +75,16 @@ def test_an_archive_keeps_the_best_few_of_each_size():
     assert archive.front() == [3, 5]  # seven nodes earn less than five
 
 
-def test_of_equals_the_one_that_was_there_stays():
+def test_of_equals_the_new_ones_stay():
     archive = Archive(cells(3))
     nodes = [Split(0, float(i), Leaf((1.0, 0.0)), Leaf((0.0, 1.0))) for i in range(ELITES + 1)]
     archive.place([Entry(node, np.ones(4)) for node in nodes[:-1]])
     archive.place([Entry(nodes[-1], np.ones(4))])
-    assert [entry.node for entry in archive.entries[3]] == nodes[:-1]
+    assert [entry.node for entry in archive.entries[3]] == nodes[:0:-1]
+    better = Split(1, 0.0, Leaf((1.0, 0.0)), Leaf((0.0, 1.0)))
+    archive.place([Entry(better, np.full(4, 2.0))])
+    archive.place([Entry(nodes[0], np.ones(4))])
+    assert [entry.node for entry in archive.entries[3]] == [better, nodes[0], *nodes[:2:-1]]
 
 
 def test_it_finds_the_rule_that_is_right():

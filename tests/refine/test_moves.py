@@ -113,3 +113,12 @@ def test_the_same_generator_draws_the_same_changes():
 def test_where_nothing_differs_there_is_nothing_to_ask():
     with pytest.raises(ValueError, match="5 observations are all the same"):
         Moves.among(KINDS["discrete"], np.ones((5, 4), np.float32))
+
+
+def test_where_there_is_one_gap_another_question_is_asked():
+    rng, moves = np.random.default_rng(5), Moves.among(KINDS["discrete"], seen())
+    root = Split(2, 0.5, Leaf((1.0, 0.0, 0.0)), Leaf((0.0, 1.0, 0.0)))
+    changed = [moves.change(root, [root], rng) for _ in range(400)]
+    # the same question may be drawn again, and a subtree may take its own place
+    assert sum(node == root for node in changed) < 60
+    assert {node.feature for node in changed if isinstance(node, Split)} == {0, 1, 2}

@@ -57,13 +57,14 @@ class Archive:
         return min((float(rival.returns[episodes].mean()) for rival in rivals), default=0.0)
 
     def place(self, entries: Iterable[Entry]) -> None:
-        """Keep those that are among the best of their size; of equals the one that was there before."""
+        """Keep those that are among the best of their size; of equals the new one, so that what makes no difference
+        yet is tried in turn."""
         touched = set()
         for entry in entries:
             cell = self.cell(entry.node)
             kept = self.entries.setdefault(cell, [])
             if all(entry.node != other.node for other in kept):
-                kept.append(entry)
+                kept.insert(0, entry)
                 touched.add(cell)
         for cell in touched:
             self.entries[cell] = sorted(self.entries[cell], key=lambda entry: -entry.mean)[:ELITES]

@@ -107,8 +107,13 @@ class Arena(abc.ABC):
 
 
 def make_arena(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Arena:
-    """An arena inside a compiled program where the environment is written in JAX, on the host otherwise."""
+    """An arena of tables where all of the environment is known, else inside a compiled program where it is written in
+    JAX, else on the host."""
     if spec.env is not None:
+        from .tabular import TableArena, world_of
+
+        if world_of(spec.env) is not None:
+            return TableArena(spec, seed, purpose)
         from .compiled import CompiledArena
 
         return CompiledArena(spec, seed, purpose)

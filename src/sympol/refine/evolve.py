@@ -27,6 +27,8 @@ ROUNDS = (1 / 16, 1 / 4, 1)
 """The part of a heat's episodes that candidates have played after each round; a quarter of them goes on."""
 GENERATIONS = 12
 """Of a heat."""
+PATIENCE = 4
+"""How often changes are drawn for a generation that has too few new ones."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,8 @@ class _Search:
         self.arena, self.like, self.rng, self.limit = arena, like, rng, limit
         self.archive = Archive(cells(limit))
         self.heat = range(episodes)
+        self.tried: set[Plain] = set()
+        """In this heat: whoever was not kept then would not be now."""
         self.moves: Moves
 
     def begin(self, starts: list[Plain]) -> None:
@@ -124,19 +128,24 @@ class _Search:
     def generation(self) -> None:
         """Try changes of what is kept."""
         kept = [entry.node for entry in self.archive.all()]
-        parents = self.archive.parents(CANDIDATES, self.rng)
-        known = set(kept)
-        new = self._within([self._changed(parent.node, kept) for parent in parents])
-        self.archive.place(self._race([node for node in new if node not in known]))
+        self.tried.update(kept)
+        new: list[Plain] = []
+        for _ in range(PATIENCE):
+            parents = self.archive.parents(CANDIDATES - len(new), self.rng)
+            changed = self._within([self._changed(parent.node, kept) for parent in parents])
+            new += [node for node in changed if node not in self.tried]
+            self.tried.update(new)
+        self.archive.place(self._race(new))
 
     def next_heat(self) -> None:
         """Other episodes: whatever is kept plays them."""
         self.heat = range(self.heat.stop, self.heat.stop + len(self.heat))
+        self.tried.clear()
         kept = [entry.node for entry in self.archive.all()]
         self.archive = Archive(self.archive.sizes)
         self.archive.place(self._entries(kept))
-        best = max(self.archive.all(), key=lambda entry: entry.mean)
-        self._look_around([tree_of(best.node, self.like)])
+        front = [self.archive.entries[cell][0] for cell in self.archive.front()]
+        self._look_around([tree_of(entry.node, self.like) for entry in front])
 
     def _race(self, nodes: list[Plain]) -> list[Entry]:
         """Let candidates play more and more episodes, ever fewer of them; those that played all."""
@@ -172,7 +181,7 @@ class _Search:
         return list(dict.fromkeys(node for node in nodes if size(node) <= self.limit))
 
     def _look_around(self, trees: list[DecisionTree]) -> None:
-        """See what these trees, and random ones, see."""
+        """See what these trees see."""
         few = self.heat[:8]
         seen = np.concatenate([self.arena.observe(tree, few) for tree in trees])
         self.moves = Moves.among(self.like.actions, seen)

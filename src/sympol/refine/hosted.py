@@ -20,11 +20,11 @@ from numpy import ndarray
 from ..envs.env import MAX_EPISODE_STEPS
 from ..envs.pool import make_pool
 from ..envs.spec import EnvSpec
-from ..play import episode_seed, fitted_actions
+from ..play import episode_seed
 from ..trees import DecisionTree
 from ..trees.floats import flushed
 from .arena import Arena, Played, Purpose
-from .packed import Packed
+from .packed import Packed, answers
 
 CROWD = 128
 """Episodes that begin together, and when fewer than that are going on, the next ones do.
@@ -151,7 +151,7 @@ class HostArena(Arena):
 
     def _run(self, trees: Sequence[DecisionTree], episodes: range, *, watch: bool) -> tuple[ndarray, ...]:
         packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        answers = _answers(packed, self.spec)
+        does = answers(packed, self.spec)
         seeds = [episode_seed(self.seed, episode, self.purpose) for episode in episodes] * len(trees)
         returns, lengths = np.zeros(len(seeds)), np.zeros(len(seeds), np.int32)
         crowds: deque[Crowd] = deque()
@@ -161,7 +161,7 @@ class HostArena(Arena):
             if watch:
                 seen.append((crowd.jobs, x))
             tree = crowd.jobs // len(episodes)
-            crowd.send(answers[tree, packed.apply(tree, x)])
+            crowd.send(does[tree, packed.apply(tree, x)])
             crowds.append(crowd)
 
         begun = 0
@@ -188,13 +188,6 @@ class HostArena(Arena):
         if self.spec.pool_task is not None:
             return PoolCrowd(jobs, self.spec.pool_task, seeds)
         return GymnasiumCrowd(jobs, self.spec, self._idle, seeds)
-
-
-def _answers(packed: Packed, spec: EnvSpec) -> ndarray:
-    """What each leaf of each tree does, as the environment takes it ``[trees, nodes, ...]``."""
-    trees, nodes, outputs = packed.value.shape
-    actions = fitted_actions(spec.actions.decide(packed.value.reshape(-1, outputs)), spec.action_space)
-    return actions.reshape(trees, nodes, *actions.shape[1:])
 
 
 def _in_order(

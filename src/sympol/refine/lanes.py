@@ -45,6 +45,12 @@ class Lanes(NamedTuple):
     done: Bool[Array, " lanes"]
 
 
+def keys_of(base: Array, number: Int[Array, ""]) -> tuple[Array, Array]:
+    """What is random in a numbered episode: at its start, and in its steps."""
+    reset_key, step_key = jax.random.split(jax.random.fold_in(base, number))
+    return reset_key, step_key
+
+
 class _World(NamedTuple):
     """An environment many times, and what trees do in it."""
 
@@ -71,7 +77,7 @@ class _World(NamedTuple):
         base = jax.random.wrap_key_data(key)
 
         def one(number: Int[Array, ""]) -> tuple[Array, Any, Array]:
-            reset_key, step_key = jax.random.split(jax.random.fold_in(base, number))
+            reset_key, step_key = keys_of(base, number)
             return jax.random.key_data(step_key), *self.env.reset(reset_key)
 
         zero = jnp.zeros_like(job)

@@ -169,9 +169,9 @@ class Moves:
         self, split: Split, kind: str, others: Sequence[Plain], rng: np.random.Generator
     ) -> Plain:
         match kind:
-            case "threshold":
+            case "threshold" if len(self.seen[split.feature]) > 2:
                 return split._replace(threshold=self._near(split, rng))
-            case "question":
+            case "threshold" | "question":  # where there is one gap between values, no other threshold
                 return self._question(split.left, split.right, rng)
             case "drop":
                 return split.left if rng.random() < 0.5 else split.right
@@ -196,8 +196,6 @@ class Moves:
         if len(values) >= FEW:
             step = self.spread[split.feature] * 10 ** rng.uniform(-2.5, 0)
             return split.threshold + float(rng.normal()) * step
-        if len(values) < 2:
-            return split.threshold
         at = int(np.searchsorted(values, split.threshold, side="right")) - 1 + int(rng.choice((-1, 1)))
         return self._gap(split.feature, min(max(at, 0), len(values) - 2))
 

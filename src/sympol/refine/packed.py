@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Float32, Int
 from numpy import ndarray
 
+from ..envs.spec import EnvSpec
+from ..play import fitted_actions
 from ..trees import DecisionTree
 
 
@@ -53,3 +55,10 @@ class Packed(NamedTuple):
             goes_left = x[row, self.feature[tree, node]] <= self.threshold[tree, node]
             node = np.where(goes_left, self.left[tree, node], self.right[tree, node])
         return node
+
+
+def answers(packed: Packed, spec: EnvSpec) -> ndarray:
+    """What each leaf of each tree does, as the environment takes it ``[trees, nodes, ...]``."""
+    trees, nodes, outputs = packed.value.shape
+    actions = fitted_actions(spec.actions.decide(packed.value.reshape(-1, outputs)), spec.action_space)
+    return actions.reshape(trees, nodes, *actions.shape[1:])

@@ -111,7 +111,7 @@ class MiniGrid:
             codes=codes,
             time=time,
         )
-        limit, rewards = self.max_episode_steps, jnp.asarray(self._rewards)
+        limit, rewards = self.max_episode_steps, jnp.asarray(self.rewards)
         reward = jnp.where(walks & _has(front, "goal"), lookup(rewards, jnp.minimum(time, limit)), 0)
         terminated = walks & _has(front, "goal", "lava")
         return state, Step(self.observe(state), reward, terminated, time >= limit)
@@ -156,8 +156,8 @@ class MiniGrid:
         return self._grids.shape[2]
 
     @cached_property
-    def _rewards(self) -> Float32[np.ndarray, " times"]:
-        """The reward at each time, in float64 as Farama computes it, then rounded."""
+    def rewards(self) -> Float32[np.ndarray, " times"]:
+        """For reaching the goal, at each time; in float64 as Farama computes it, then rounded."""
         limit = self.max_episode_steps
         return np.array([1 - 0.9 * (time / limit) for time in range(limit + 1)], np.float32)
 
