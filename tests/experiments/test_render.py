@@ -79,6 +79,16 @@ def test_only_whole_rows_are_averaged():
     assert re.fullmatch(r"1\.00 \[0\.\d\d, 1\.\d\d\]", overall.rows[0][1][0].text)
 
 
+def test_where_no_environment_counts_there_is_no_mean():
+    """The paper's mean runtime leaves LunarLander out."""
+    for environments, columns in (
+        (("LunarLander-v3",), ("LunarLander-v3",)),
+        (("CartPole-v1", "LunarLander-v3"), ("CartPole-v1", "LunarLander-v3", "mean without LunarLander-v3")),
+    ):
+        table = dataclasses.replace(TABLES["runtime"], environments=environments)
+        assert grids(table, {})[0].columns == columns
+
+
 def test_nothing_run_is_said_not_estimated():
     for table in TABLES.values():
         text = section(table, {})

@@ -150,7 +150,7 @@ def _overall(table: Table, records: Mapping[Cell, Record]) -> Grid:
 def _with_mean(
     table: Table, summaries: Mapping[Cell, CellSummary], quantity: Quantity, averaged: tuple[str, ...]
 ) -> Grid:
-    """A grid of nodes or seconds with the mean of environments' means behind it."""
+    """A grid of nodes or seconds with the mean of environments' means behind it, if there are any to average."""
 
     def show(cell: Cell, summary: CellSummary | None, places: int) -> Entry:
         measured: Moments | None = getattr(summary, quantity, None)
@@ -159,6 +159,8 @@ def _with_mean(
         return Entry(spread(measured, 1), _joined(_trainings(summary.record), _paper(quantity, cell)))
 
     grid = _cells(table, table.caption, summaries, show)
+    if not averaged:
+        return grid
     rows = []
     for row, (name, entries) in zip(table.rows, grid.rows, strict=True):
         found = [getattr(summaries.get(cell_of(row, env)), quantity, None) for env in averaged]
