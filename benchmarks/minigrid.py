@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.no_loss import disagreements
 from rich.console import Console
 from rich.table import Table
-from tests.envs.minigrid_worlds import optimal_returns
+from tests.envs.minigrid_worlds import optimal_returns, steps_to_goal
 
 import sympol
 from sympol.envs.minigrid import MiniGrid
@@ -51,22 +51,24 @@ def best_returns(spec: EnvSpec, num_episodes: int) -> np.ndarray:
     return optimal_returns(spec.env, hosts)
 
 
-def starts_solved(tree: DecisionTree, env: MiniGrid) -> np.ndarray:
-    """Whether the tree comes from each start to the goal before the time is up, following the graph."""
+def returns_from_all_starts(tree: DecisionTree, env: MiniGrid) -> tuple[np.ndarray, np.ndarray]:
+    """What the tree earns from each start, following the graph, and the most that can be earned there."""
     graph, starts = explore(env), all_starts(env)
     assert graph is not None
     assert starts is not None
     index = {key: state for state, key in enumerate(keys(graph.states))}
     state = np.array([index[key] for key in keys(starts)])
+    limit = env.max_episode_steps
+    best = 1 - 0.9 * (steps_to_goal(graph)[state] / limit)
     action = tree.predict(observe_all(env, graph.states))
     successor = graph.successor[np.arange(len(action)), action]
     reaches_goal = graph.reaches_goal[np.arange(len(action)), action]
-    solved = np.zeros(len(state), bool)
-    for _ in range(env.max_episode_steps):
-        goes_on = state >= 0
-        solved[goes_on] |= reaches_goal[state[goes_on]]
+    earned = np.zeros(len(state))
+    for step in range(1, limit + 1):
+        goes_on = np.flatnonzero(state >= 0)
+        earned[goes_on[reaches_goal[state[goes_on]]]] = 1 - 0.9 * (step / limit)
         state[goes_on] = successor[state[goes_on]]
-    return solved
+    return earned, best
 
 
 def measure(env: str, seed: int, episodes: int, options: dict[str, Any]) -> dict[str, Any]:
@@ -83,7 +85,7 @@ def measure(env: str, seed: int, episodes: int, options: dict[str, Any]) -> dict
         play(tree, agent.spec, episodes, seed=TEST_SEED).returns,
         best_returns(agent.spec, episodes),
     )
-    solved = starts_solved(tree, agent.spec.env)
+    solved = returns_from_all_starts(tree, agent.spec.env)[0] > 0
     return {
         "seed": seed,
         "return_mean": float(returns.mean()),
