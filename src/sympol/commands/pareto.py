@@ -24,7 +24,7 @@ from ..pareto.words import next_steps, spent_words, table
 from ..runs.about import RunError, file_name
 from .arguments import Text
 from .parse import env_kwargs, parse
-from .say import err, one_line_errors, out, warnings_in_one_line
+from .say import err, one_line_errors, out, print_steps, program, warnings_in_one_line
 
 PICTURE = "front.svg"
 
@@ -144,10 +144,4 @@ def _show(front: Front, folder: Path, *, as_json: bool) -> None:
         return
     out.print(table(front))
     out.print(f"\nall of it: {spent_words(front.spent)}", markup=False)
-    steps = [
-        *((step.command, step.what) for step in next_steps(front, folder)),
-        (str(picture), "the picture"),
-    ]
-    width = max(len(command) for command, _ in steps)
-    for command, what in steps:
-        out.print(f"  {command.ljust(width)}  {what}", markup=False, soft_wrap=True)
+    print_steps([*next_steps(front, folder, program()), (str(picture), "the picture")])

@@ -8,7 +8,7 @@ import shlex
 import shutil
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -110,11 +110,7 @@ def _likeness_words(summary: dict[str, Any]) -> str:
 
 def print_next(path: Path, *, has_tree: bool = True) -> None:
     """What can be done with the run that is at ``path``."""
-    out.print()
-    called = Path(sys.argv[0])  # by `make train` sympol is not on the PATH: say it so that it can be pasted
-    on_path = called.name != "sympol" or shutil.which("sympol")
-    sympol = "sympol" if on_path else shlex.quote(os.path.relpath(called))
-    run = shlex.quote(str(path))
+    sympol, run = program(), shlex.quote(str(path))
     steps = [(f"{sympol} eval {run} --episodes 100 --seed 7", "more test episodes")]
     if has_tree:
         steps = [
@@ -130,5 +126,19 @@ def print_next(path: Path, *, has_tree: bool = True) -> None:
         if (path / "tree.svg").exists():
             show = (f"{sympol} show {run}", "this soft tree again")
             steps = [show, *steps, (str(path / "tree.svg"), "its picture")]
+    print_steps(steps)
+
+
+def program() -> str:
+    """How this program was called, so that it can be pasted: by `make train` it is not on the PATH."""
+    called = Path(sys.argv[0])
+    on_path = called.name != "sympol" or shutil.which("sympol")
+    return "sympol" if on_path else shlex.quote(os.path.relpath(called))
+
+
+def print_steps(steps: Sequence[tuple[str, str]]) -> None:
+    """Commands, or files, and what they are for."""
+    width = max(len(command) for command, _ in steps)
+    out.print()
     for command, what in steps:
-        out.print(f"  {command:<55} {what}", style="dim", markup=False)
+        out.print(f"  {command.ljust(width)}  {what}", style="dim", markup=False)
