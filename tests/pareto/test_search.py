@@ -22,8 +22,8 @@ from sympol.experiments.bench import Busy, only_one
 from sympol.pareto.found import FILE, Found, keep, kept
 from sympol.pareto.front import Front, Spent
 from sympol.pareto.plan import Plan
-from sympol.pareto.roads import _warn_of_poor_teacher
 from sympol.pareto.search import _share, begin, search
+from sympol.pareto.taught import warn_of_poor_teacher
 from sympol.play import play
 from sympol.runs.about import RunError
 
@@ -78,19 +78,21 @@ def test_with_a_budget_in_steps_it_finds_the_same_front_again(quick, tmp_path):
 
 @pytest.mark.slow
 def test_all_roads_lead_to_a_front(tmp_path):
-    plan = Plan("CartPole-v1", max_nodes=15, budget="6M steps", trainings=1, islands=1, eval_episodes=20)
+    plan = Plan(
+        "CartPole-v1", max_nodes=15, budget="6M steps", trainings=1, teachers=1, islands=1, eval_episodes=20
+    )
     front = search(plan, tmp_path / "all")
     roads = {candidate.road for candidate in front.candidates}
     assert {
         "scratch",
         "scratch + shrink",
         "teacher",
-        "teacher + ppo + shrink",
+        "teacher + polish",
         "scratch + teacher + evolve",
     } <= roads
     assert front.best().test.mean > 450
     assert front.spent.teacher_steps > 0
-    for run in ("scratch/0/run", "teacher/0/teacher", "teacher/0/tuned"):
+    for run in ("scratch/0/run", "teacher/0/teacher"):
         assert (tmp_path / "all" / run / "summary.json").exists()
 
 
@@ -162,11 +164,11 @@ def test_what_a_road_found_is_kept_to_the_bit(tmp_path):
 def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
     poor = Teacher.from_callable(lambda x: 1, SPEC)
     with pytest.warns(UserWarning, match=r"earns 9\.\d, less than a random policy does, \d\d\.\d"):
-        _warn_of_poor_teacher(poor)
+        warn_of_poor_teacher(poor)
     good = Teacher.from_callable(lambda x: int(x[2] + x[3] > 0), SPEC)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        _warn_of_poor_teacher(good)
+        warn_of_poor_teacher(good)
 
 
 @pytest.mark.slow
@@ -174,7 +176,12 @@ def test_a_poor_teacher_is_told_of_where_the_search_was_asked_for(tmp_path):
     lazy = sympol.PPO("mlp", "CartPole-v1", total_timesteps=8192, learning_rate_actor=1e-12)
     lazy.learn(progress_bar=False).save(tmp_path / "lazy")
     plan = Plan(
-        "CartPole-v1", max_nodes=3, roads=("teacher",), budget="2M steps", teacher=str(tmp_path / "lazy")
+        "CartPole-v1",
+        max_nodes=3,
+        roads=("teacher",),
+        budget="2M steps",
+        teachers=1,
+        teacher=str(tmp_path / "lazy"),
     )
     with pytest.warns(UserWarning, match=r"teacher: the teacher earns .*, less than a random policy does"):
         search(plan, tmp_path / "front", workers=2)

@@ -33,7 +33,7 @@ from ..teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from .found import Found, keep, kept
 from .front import Spent
-from .site import EPISODES, Site, chained, part, trained
+from .site import Site, chained, part, trained
 
 TRAINING = 0.5
 """Of the share, at most, for training a teacher."""
@@ -47,6 +47,8 @@ RACE = ((32, 4), (128, 1))
 """Episodes that trees to go on with play, and how many of them then go on."""
 FAR = 1 << 30
 """Polishing plays episodes from here on."""
+EPISODES = {"jax": 64, "envpool": 32, "host": 16}
+"""Of a generation of polishing, by what steps them."""
 POLISHED = "teacher + polish"
 APART = 1 << 27
 """Episodes of one size."""
@@ -82,7 +84,7 @@ def stages(max_nodes: int) -> list[Stage]:
     sizes = [size for size in (max_nodes, (max_nodes - 1) // 2, (max_nodes - 3) // 4) if size >= 3]
     sizes = [size - 1 + size % 2 for size in sizes]
     made, rest = [], 1.0
-    for i, (size, end) in enumerate(zip(sizes, [*sizes[1:], 1], strict=True)):
+    for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True)):
         of_rest = 1.0 if end == 1 else 0.5
         made.append(Stage(size, end, rest * of_rest, of_rest, FAR + i * APART))
         rest -= rest * of_rest
@@ -108,8 +110,9 @@ def _distilled(site: Site) -> list[Found]:
     cost += Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
     found = [Found(tree, "teacher", cost) for tree in trees]
     found += chained(site, best, "teacher", cost, smallest=site.plan.max_nodes)
-    keep(folder, found, finished=True)
-    return found
+    within = [one for one in found if one.tree.n_nodes <= site.plan.max_nodes]
+    keep(folder, within, finished=True)
+    return within
 
 
 def _trees_of(policy: Any, teacher: Teacher, site: Site, arena: Arena) -> list[DecisionTree]:

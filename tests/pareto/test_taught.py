@@ -1,0 +1,130 @@
+"""The teacher's road: its stages, what it goes on with, and that nothing is done twice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sympol import DecisionTree
+from sympol.distill import distill
+from sympol.envs.registry import resolve
+from sympol.pareto import taught as road
+from sympol.pareto.found import Found, keep, kept
+from sympol.pareto.front import Spent
+from sympol.pareto.plan import Plan
+from sympol.pareto.site import Site
+from sympol.pareto.taught import APART, FAR, best_of, player, stages
+from sympol.refine.arena import make_arena
+from sympol.refine.evolve import Budget
+
+from ..distill.teachers import pendulum
+from ..refine.bandit import Bandit
+
+SPEC = resolve("CartPole-v1")
+
+
+def balanced(n: int, threshold: float = 0.0) -> DecisionTree:
+    """A tree of n nodes that goes where the pole falls."""
+    depth = (n + 1).bit_length() - 2
+    splits = 2**depth - 1
+    features, thresholds = (
+        np.full(splits, 3),
+        np.linspace(-1, 1, splits) + threshold if splits > 1 else [threshold],
+    )
+    values = np.eye(2)[np.arange(2**depth) % 2]
+    return DecisionTree.from_complete(
+        features, np.asarray(thresholds), values, actions=SPEC.actions, **SPEC.features.reading()
+    )
+
+
+@pytest.mark.parametrize(
+    ("max_nodes", "sizes"),
+    [(63, [63, 31, 15]), (31, [31, 15, 7]), (15, [15, 7, 3]), (9, [9, 3]), (7, [7, 3]), (3, [3]), (1, [])],
+)
+def test_sizes_are_halved_as_long_as_there_is_a_question(max_nodes: int, sizes: list[int]):
+    made = stages(max_nodes)
+    assert [stage.nodes for stage in made] == sizes
+    assert [stage.next_nodes for stage in made] == [*sizes[1:], 1][: len(sizes)]
+
+
+@pytest.mark.parametrize("max_nodes", [3, 7, 31, 63, 127])
+def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int):
+    made = stages(max_nodes)
+    assert sum(stage.part for stage in made) == pytest.approx(1)
+    rest = 1.0
+    for stage in made:
+        assert stage.part == pytest.approx(rest * stage.part_of_rest)
+        rest -= stage.part
+    assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
+    assert made[0].first_episode == FAR
+    assert made[-1].first_episode + APART <= 2**31
+
+
+def test_what_goes_on_is_the_best_of_the_race():
+    truth = balanced(7)
+    arena = Bandit(truth)
+    trees = [balanced(7, shift) for shift in (1.0, 0.4, 0.01, -0.6, 2.0, 0.9)]
+    means = arena.returns_of(trees[2], range(128)).mean()
+    assert all(arena.returns_of(tree, range(128)).mean() < means for tree in trees if tree is not trees[2])
+    assert best_of(arena, trees) is trees[2]
+    assert best_of(arena, trees[:1]) is trees[0]
+
+
+def test_distillation_plays_in_the_arena_what_the_arena_plays():
+    arena = make_arena(SPEC, 3)
+    tree = balanced(7)
+    learnt, chosen = (player(arena)(tree, 5, 11, purpose) for purpose in ("distill", "validation"))
+    assert learnt.observations.shape == (learnt.lengths.sum(), 4)
+    assert chosen.observations.shape == (0, 4)  # nobody learns from it
+    assert learnt.returns.tolist() != chosen.returns.tolist()  # other episodes
+    again = player(make_arena(SPEC, 3))(tree, 5, 11, "distill")
+    np.testing.assert_array_equal(learnt.returns, again.returns)
+    assert learnt.returns.tolist() == learnt.lengths.tolist()  # CartPole pays one a step
+
+
+def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypatch):
+    plan = Plan("CartPole-v1", max_nodes=7, roads=("teacher",), budget="20M steps", teachers=1)
+    site = Site(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 1e9))
+    distilled = [Found(balanced(7), "teacher", Spent(1000, 50, 0, 2.0))]
+    keep(site.folder / "distilled", distilled, finished=True)
+    half_polished = balanced(7, 0.05)
+    so_far = Spent(400_000, 50, 0, 3.0)
+    keep(site.folder / "7-nodes", [Found(half_polished, road.POLISHED, so_far)], finished=False)
+    polished = []
+
+    def polish(tree, arena, *, budget, **options):
+        polished.append((tree, budget, options["first_episode"]))
+        return replace(tree, threshold=tree.threshold + np.float32(0.01) * ~tree.is_leaf)
+
+    monkeypatch.setattr(road, "polish", polish)
+    road.taught(site)
+    (first, budget, at), (second, *_) = polished
+    assert first == half_polished
+    assert budget.steps == 20e6 * road.POLISHING * stages(7)[0].part - (so_far.env_steps - 1000)
+    assert at == FAR
+    assert second.n_nodes <= 3
+    found, finished = kept(site.folder)
+    assert finished
+    assert found[0] == distilled[0]
+    costs = [one.spent.env_steps for one in found]
+    assert costs == sorted(costs)  # each step adds to the one before
+    assert {one.road for one in found} == {"teacher", road.POLISHED, f"{road.POLISHED} + shrink"}
+    road.taught(site)
+    assert len(polished) == 2
+
+
+@pytest.mark.slow
+def test_polishing_makes_more_of_a_distilled_tree_with_continuous_actions(tmp_path):
+    spec = resolve("Pendulum-v1")
+    options = {"num_iterations": 3, "episodes_per_iteration": 3, "num_validation_episodes": 3}
+    tree = distill(pendulum(), "dagger", max_nodes=7, **options)
+    plan = Plan("Pendulum-v1", max_nodes=7, roads=("teacher",), budget="10M steps", teachers=1)
+    site = Site(plan, spec, tmp_path, 0, tmp_path / "teacher" / "0", Budget(10e6, 1e9))
+    keep(site.folder / "distilled", [Found(tree, "teacher", Spent())], finished=True)
+    road.taught(site)
+    better = next(one.tree for one in kept(site.folder)[0] if one.road == road.POLISHED)
+    returns = make_arena(spec, 1000, "validation").play([tree, better], range(512)).returns.mean(axis=1)
+    assert returns[1] > returns[0] + 30
