@@ -69,8 +69,10 @@ def test_what_goes_on_is_the_best_of_the_race():
     trees = [balanced(7, shift) for shift in (1.0, 0.4, 0.01, -0.6, 2.0, 0.9)]
     means = arena.returns_of(trees[2], range(128)).mean()
     assert all(arena.returns_of(tree, range(128)).mean() < means for tree in trees if tree is not trees[2])
-    assert best_of(arena, trees) is trees[2]
-    assert best_of(arena, trees[:1]) is trees[0]
+    assert best_of(arena, trees, 1) == [trees[2]]
+    assert best_of(arena, [trees[0]] * 3, 2) == [trees[0]]  # each once
+    second = sorted(trees, key=lambda tree: -arena.returns_of(tree, range(128)).mean())[:2]
+    assert best_of(arena, trees, 2) == second
 
 
 def test_distillation_plays_in_the_arena_what_the_arena_plays():
@@ -95,17 +97,18 @@ def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypat
     keep(site.folder / "7-nodes", [Found(half_polished, road.POLISHED, so_far)], finished=False)
     polished = []
 
-    def polish(tree, arena, *, budget, **options):
-        polished.append((tree, budget, options["first_episode"]))
+    def polish(trees, arena, *, budget, **options):
+        tree = trees[0]
+        polished.append((trees, budget, options["first_episode"]))
         return replace(tree, threshold=tree.threshold + np.float32(0.01) * ~tree.is_leaf)
 
     monkeypatch.setattr(road, "polish", polish)
     road.taught(site)
     (first, budget, at), (second, *_) = polished
-    assert first == half_polished
+    assert first == [half_polished]
     assert budget.steps == 20e6 * road.POLISHING * stages(7)[0].part - (so_far.env_steps - 1000)
     assert at == FAR
-    assert second.n_nodes <= 3
+    assert all(tree.n_nodes <= 3 for tree in second)
     found, finished = kept(site.folder)
     assert finished
     assert found[0] == distilled[0]

@@ -40,7 +40,7 @@ def mean(arena: Bandit, tree: DecisionTree) -> float:
 
 def test_thresholds_are_found_that_answer_as_the_best_tree_does():
     arena = Bandit(TRUTH)
-    found = polish(OFF, arena, budget=Budget(steps=1_000_000))
+    found = polish([OFF], arena, budget=Budget(steps=1_000_000))
     assert mean(arena, OFF) < 0.8 * LENGTH
     assert mean(arena, found) > 0.98 * LENGTH
     split = ~found.is_leaf
@@ -51,19 +51,19 @@ def test_thresholds_are_found_that_answer_as_the_best_tree_does():
 
 def test_answers_of_continuous_actions_are_found_with_the_thresholds():
     arena = Bandit(AIMED)
-    found = polish(ASTRAY, arena, budget=Budget(steps=3_000_000))
+    found = polish([ASTRAY], arena, budget=Budget(steps=3_000_000))
     assert mean(arena, found) > 0.02 * mean(arena, ASTRAY)  # both are below zero
     np.testing.assert_allclose(found.value[found.is_leaf], AIMED.value[AIMED.is_leaf], atol=0.1)
 
 
 def test_what_is_best_already_stays_to_the_bit():
-    assert polish(TRUTH, Bandit(TRUTH), budget=Budget(steps=100_000)) is TRUTH
+    assert polish([TRUTH], Bandit(TRUTH), budget=Budget(steps=100_000)) is TRUTH
 
 
 def test_the_same_seed_gives_the_same_tree_and_numpy_s_own_generator_is_left_alone():
     np.random.seed(7)  # noqa: NPY002
     state = np.random.get_state()[1].copy()  # noqa: NPY002
-    trees = [polish(OFF, Bandit(TRUTH), budget=Budget(steps=200_000), seed=seed) for seed in (0, 0, 1)]
+    trees = [polish([OFF], Bandit(TRUTH), budget=Budget(steps=200_000), seed=seed) for seed in (0, 0, 1)]
     assert trees[0] == trees[1]
     assert trees[0] != trees[2]
     np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
@@ -71,7 +71,7 @@ def test_the_same_seed_gives_the_same_tree_and_numpy_s_own_generator_is_left_alo
 
 def test_a_generation_shares_its_episodes_and_no_two_generations_do():
     arena, told = Bandit(AIMED), []
-    polish(ASTRAY, arena, budget=Budget(steps=300_000), episodes=8, first_episode=100, progress=told.append)
+    polish([ASTRAY], arena, budget=Budget(steps=300_000), episodes=8, first_episode=100, progress=told.append)
     *generations, last = [episodes for _, episodes in arena.calls]
     assert generations[0].start == 100 + WATCHED
     assert all(len(episodes) == 8 for episodes in generations)
@@ -109,14 +109,29 @@ def test_categories_and_trees_without_a_number_do_not_move():
     arena = Bandit(TRUTH)
     assert Numbers.of(one_hot, np.eye(3, dtype=np.float32)).size == 0
     arena.seen_in = lambda episodes: np.eye(3, dtype=np.float32)
-    assert polish(one_hot, arena, budget=Budget(steps=10_000)) is one_hot
+    assert polish([one_hot], arena, budget=Budget(steps=10_000)) is one_hot
     assert not arena.calls
 
 
 def test_where_nothing_is_left_to_gain_it_ends():
     arena = Bandit(TRUTH)
     arena.returns_of = lambda tree, episodes: np.full(len(episodes), 500, np.float32)
-    assert polish(OFF, arena, budget=Budget()) is OFF  # no budget would end it
+    assert polish([OFF], arena, budget=Budget()) is OFF  # no budget would end it
+
+
+def test_of_several_trees_those_go_on_that_can_be_made_more_of():
+    """The wrong questions are better at first, and polished they are not."""
+    wrong = replace(OFF, feature=np.where(OFF.feature == 0, 2, OFF.feature))  # never asks about a
+    poor = tree_of([2.0, 1.5, -2.0], CHOICES, DiscreteActions(4))
+    arena = Bandit(TRUTH)
+    assert mean(arena, wrong) > mean(arena, poor)
+    found = polish([wrong, poor, wrong, wrong], arena, budget=Budget(steps=1_000_000))
+    assert mean(arena, found) > 0.95 * LENGTH
+    together = [number for number, _ in arena.calls[:-1]]
+    assert together == sorted(together, reverse=True)
+    assert {round(number / together[-1]) for number in together} == {4, 2, 1}
+    steps = np.cumsum([number * len(episodes) * LENGTH for number, episodes in arena.calls])
+    assert steps[together.count(together[0]) - 1] == pytest.approx(250_000, abs=20_000)
 
 
 def test_one_number_alone_can_be_polished():
@@ -124,18 +139,18 @@ def test_one_number_alone_can_be_polished():
         np.array([0]), np.array([0.9]), np.eye(2), actions=DiscreteActions(2), feature_names=NAMES
     )
     truth = replace(one, threshold=np.where(one.is_leaf, one.threshold, np.float32(-0.4)))
-    found = polish(one, Bandit(truth), budget=Budget(steps=300_000))
+    found = polish([one], Bandit(truth), budget=Budget(steps=300_000))
     np.testing.assert_allclose(found.threshold, truth.threshold, atol=0.05)
 
 
 def test_without_a_budget_nothing_moves():
     arena = Bandit(TRUTH)
-    assert polish(OFF, arena, budget=Budget(steps=0)) is OFF
-    assert polish(OFF, arena, budget=Budget(seconds=0)) is OFF
+    assert polish([OFF], arena, budget=Budget(steps=0)) is OFF
+    assert polish([OFF], arena, budget=Budget(seconds=0)) is OFF
     assert not arena.calls
 
 
 def test_without_pycma_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "cma", None)
     with pytest.raises(ImportError, match=r"pip install 'sympol\[bench\]'"):
-        polish(OFF, Bandit(TRUTH), budget=Budget(steps=1))
+        polish([OFF], Bandit(TRUTH), budget=Budget(steps=1))

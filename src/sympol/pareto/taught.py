@@ -1,10 +1,11 @@
 """The teacher's road: from a network to a large tree, and from there, in turns, a size less and a polish.
 
 1. A teacher is trained, or given.
-2. It is distilled into trees that may be a few times as large as those asked for: what a large tree earns, a small one
-   pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
-3. The best of them is pruned by return to the limit, and its numbers are polished (`sympol.refine.polish`): CART puts
-   thresholds where the teacher's answers change, and not where the tree, which is cruder, had better change its own.
+2. It is distilled into several trees that may be a few times as large as those asked for: what a large tree earns, a
+   small one pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
+3. The best two are pruned by return to the limit, and their numbers are polished (`sympol.refine.polish`), which leaves
+   the better one: CART puts thresholds where the teacher's answers change, and not where the tree, which is cruder, had
+   better change its own.
 4. The same with half the limit, and with a quarter, from the tree before.
 
 Each step leaves what it found in a folder of its own. What is done is not done again, and a polish goes on.
@@ -39,16 +40,18 @@ TRAINING = 0.5
 """Of the share, at most, for training a teacher."""
 POLISHING = 0.4
 """Of a share of steps."""
-TIMES = (4, 2, 1)
+TIMES = (4, 4, 4, 2)
 """How large distilled trees may be, in limits."""
-ITERATIONS = 10
+ITERATIONS = 12
 """Trees that are fitted one after the other, of which distillation takes the best."""
-RACE = ((32, 4), (128, 1))
-"""Episodes that trees to go on with play, and how many of them then go on."""
+STARTS = 2
+"""Trees that are polished side by side at first."""
+FIRST, LAST = 32, 128
+"""Episodes of a race: for all, and for the best few."""
 FAR = 1 << 30
 """Polishing plays episodes from here on."""
 EPISODES = {"jax": 64, "envpool": 32, "host": 16}
-"""Of a generation of polishing, by what steps them."""
+"""Of a generation of polishing and of an iteration of distillation, by what steps them."""
 POLISHED = "teacher + polish"
 APART = 1 << 27
 """Episodes of one size."""
@@ -106,10 +109,11 @@ def _distilled(site: Site) -> list[Found]:
     warn_of_poor_teacher(asked)
     arena, began = make_arena(site.spec, site.seed), time.perf_counter()
     trees = _trees_of(teacher, asked, site, arena)
-    best = best_of(arena, trees)
+    best = best_of(arena, trees, STARTS)
     cost += Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
     found = [Found(tree, "teacher", cost) for tree in trees]
-    found += chained(site, best, "teacher", cost, smallest=site.plan.max_nodes)
+    for tree in best:
+        found += chained(site, tree, "teacher", found[-1].spent, smallest=site.plan.max_nodes)
     within = [one for one in found if one.tree.n_nodes <= site.plan.max_nodes]
     keep(folder, within, finished=True)
     return within
@@ -119,7 +123,14 @@ def _trees_of(policy: Any, teacher: Teacher, site: Site, arena: Arena) -> list[D
     if default_method(policy, teacher) == DISCRETIZE:
         return [distill_policy(policy, DISCRETIZE, env=teacher.spec)]
     limits = [max(3, times * (site.plan.max_nodes + 1) - 1) for times in TIMES]
-    options = {"num_iterations": ITERATIONS, "play_tree": player(arena), "env": teacher.spec}
+    episodes = EPISODES[site.spec.backend]
+    options = {
+        "num_iterations": ITERATIONS,
+        "episodes_per_iteration": episodes,
+        "num_validation_episodes": 2 * episodes,
+        "play_tree": player(arena),
+        "env": teacher.spec,
+    }
     return [
         distill_policy(policy, "dagger", seed=(site.seed + i) % 2**32, max_nodes=limit, **options)
         for i, limit in enumerate(limits)
@@ -135,9 +146,9 @@ def _polished(site: Site, found: Sequence[Found], stage: Stage) -> list[Found]:
     arena, began = make_arena(site.spec, site.seed), time.perf_counter()
     road_so_far = found[-1].spent
     if before:
-        start, done = before[0].tree, before[0].spent
+        starts, done = [before[0].tree], before[0].spent
     else:
-        start, done = _best_below(stage.nodes, found, arena), road_so_far
+        starts, done = _best_below(stage.nodes, found, arena), road_so_far
 
     def spent() -> Spent:
         return done + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
@@ -147,7 +158,7 @@ def _polished(site: Site, found: Sequence[Found], stage: Stage) -> list[Found]:
 
     so_far = spent()
     better = polish(
-        start,
+        starts,
         arena,
         budget=Budget(
             site.share.steps * POLISHING * stage.part - (so_far.env_steps - road_so_far.env_steps),
@@ -164,19 +175,19 @@ def _polished(site: Site, found: Sequence[Found], stage: Stage) -> list[Found]:
     return more
 
 
-def _best_below(nodes: int, found: Sequence[Found], arena: Arena) -> DecisionTree:
+def _best_below(nodes: int, found: Sequence[Found], arena: Arena) -> list[DecisionTree]:
     """The best of the trees that have at most so many nodes, and more than half as many if there are such."""
     fit = [one.tree for one in found if one.tree.n_nodes <= nodes]
-    return best_of(arena, [tree for tree in fit if tree.n_nodes > nodes // 2] or fit)
+    return best_of(arena, [tree for tree in fit if tree.n_nodes > nodes // 2] or fit, STARTS)
 
 
-def best_of(arena: Arena, trees: Sequence[DecisionTree]) -> DecisionTree:
-    """The best of some trees: all play a few episodes, the best few of them more."""
-    for episodes, number in RACE:
-        if len(trees) > 1:
-            means = arena.play(trees, range(episodes)).returns.mean(axis=1, dtype=np.float64)
-            trees = [trees[i] for i in np.argsort(-means, kind="stable")[:number]]
-    return trees[0]
+def best_of(arena: Arena, trees: Sequence[DecisionTree], number: int) -> list[DecisionTree]:
+    """The best of some different trees: all play a few episodes, the best few of them more."""
+    trees = list(dict.fromkeys(trees))
+    for episodes, kept_on in ((FIRST, 2 * number), (LAST, number)):
+        means = arena.play(trees, range(episodes)).returns.mean(axis=1, dtype=np.float64)
+        trees = [trees[i] for i in np.argsort(-means, kind="stable")[:kept_on]]
+    return trees
 
 
 def player(arena: Arena) -> Play:

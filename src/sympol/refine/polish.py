@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeAlias
 
@@ -32,6 +32,10 @@ WATCHED = 16
 """Episodes that are observed, to know how widely features spread."""
 TOLD = 10
 """Generations between two reports."""
+QUARTERS = 4
+"""Parts of a budget, after each of which half of what is polished goes on."""
+RECENT = 5
+"""Generations by which that is decided."""
 FLAT = 10
 """Generations in which all trees earn the same, after which nothing is left to gain."""
 JUDGED = 4
@@ -42,19 +46,19 @@ class Polished(NamedTuple):
     """What ``progress`` is told now and then."""
 
     tree: DecisionTree
-    """The middle of what is drawn."""
+    """The best so far: the middle of what is drawn."""
     steps: int
     """Environment steps so far."""
     seconds: float
     mean: float
-    """Return of the last generation."""
+    """Return of the last few generations."""
 
 
 Progress: TypeAlias = Callable[[Polished], object]
 
 
 def polish(
-    tree: DecisionTree,
+    trees: Sequence[DecisionTree],
     arena: Arena,
     *,
     budget: Budget,
@@ -63,11 +67,14 @@ def polish(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> DecisionTree:
-    """The tree with better numbers; as it was given if that earns more in episodes that nothing was searched on.
+    """The best of some trees with better numbers; as it was given if that earns more in episodes of their own.
+
+    Where a tree can be polished to depends on what it asks. So several start side by side; after a quarter of the
+    budget the better half of them goes on, after the next quarter half of these, and so on.
 
     Args:
-        tree: of any size; it keeps it, but prune it afterwards, as some of its splits may be idle then.
-        arena: where it plays.
+        trees: of any sizes. The best keeps its size, but prune it afterwards: some of its splits may be idle then.
+        arena: where they play.
         budget: how long to search: it ends with the generation that spends it, or where nothing is left to gain.
         episodes: of a generation, the same ones for all of its trees.
         first_episode: episodes from this number on are played.
@@ -76,37 +83,82 @@ def polish(
 
     Raises:
         ImportError: pycma is not installed.
-        ValueError: a tree for other features or actions, or no episodes.
+        ValueError: no trees, trees for other features or actions, or no episodes.
     """
-    began, before = time.perf_counter(), arena.steps
-    numbers = Numbers.of(tree, arena.observe(tree, range(first_episode, first_episode + WATCHED)))
-    if not numbers.size:
-        return tree
-    search = _strategy(numbers.size, seed)
-    next_episode, generation = first_episode + WATCHED, 0
+    began, before, start = time.perf_counter(), arena.steps, first_episode + WATCHED
+    watched = range(first_episode, start)
+    found = [Numbers.of(tree, arena.observe(tree, watched)) for tree in trees]
+    climbs = [Climb(numbers, seed) for numbers in found if numbers.size]
+    generation = 0
 
-    def goes_on() -> bool:
-        spent = arena.steps - before, time.perf_counter() - began
-        return spent[0] < budget.steps and spent[1] < budget.seconds and not search.stop()
+    def spent() -> float:
+        """The part of the budget."""
+        return max((arena.steps - before) / budget.steps, (time.perf_counter() - began) / budget.seconds)
 
-    while goes_on():
-        drawn = search.ask()
-        trees = [numbers.moved(step) for step in drawn]
-        returns = arena.play(trees, range(next_episode, next_episode + episodes)).returns
-        means = returns.mean(axis=1, dtype=np.float64)
-        search.tell(drawn, (-means).tolist())
-        next_episode += episodes
+    while climbs and min(budget.steps, budget.seconds) > 0 and (so_far := spent()) < 1:
+        climbs = _better(climbs, max(1, len(trees) >> int(so_far * QUARTERS)))
+        going_on = [climb for climb in climbs if not climb.is_over]
+        if not going_on:
+            break
+        _next_generation(going_on, arena, range(start, start := start + episodes))
         generation += 1
         if progress is not None and generation % TOLD == 0:
-            middle = numbers.moved(search.result.xfavorite)
+            best = max(climbs, key=lambda climb: climb.mean)
             seconds = time.perf_counter() - began
-            progress(Polished(middle, arena.steps - before, seconds, float(means.mean())))
+            progress(Polished(best.middle, arena.steps - before, seconds, best.mean))
     if not generation:
-        return tree
-    middle = numbers.moved(search.result.xfavorite)
-    judged = range(next_episode, next_episode + JUDGED * episodes)
-    given, found = arena.play([tree, middle], judged).returns.mean(axis=1, dtype=np.float64)
-    return middle if found > given else tree
+        return trees[0]
+    known = [*trees, *(climb.middle for climb in _better(climbs, 1))]
+    judged = arena.play(known, range(start, start + JUDGED * episodes)).returns
+    return known[int(judged.mean(axis=1, dtype=np.float64).argmax())]
+
+
+class Climb:
+    """One tree on its way up."""
+
+    def __init__(self, numbers: Numbers, seed: int) -> None:
+        self.numbers, self._search = numbers, _strategy(numbers.size, seed)
+        self._means: list[float] = []
+
+    def drawn(self) -> list[DecisionTree]:
+        """The next generation."""
+        self._steps = self._search.ask()
+        return [self.numbers.moved(step) for step in self._steps]
+
+    def tell(self, means: Float[np.ndarray, " trees"]) -> None:
+        """What the trees of the generation earned."""
+        self._search.tell(self._steps, (-means).tolist())
+        self._means.append(float(means.mean()))
+
+    @property
+    def middle(self) -> DecisionTree:
+        """The tree around which others are drawn."""
+        return self.numbers.moved(self._search.result.xfavorite) if self._means else self.numbers.tree
+
+    @property
+    def mean(self) -> float:
+        """Of the last few generations: a few thousand episodes."""
+        return float(np.mean(self._means[-RECENT:])) if self._means else -math.inf
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is left to gain."""
+        return bool(self._search.stop())
+
+
+def _better(climbs: Sequence[Climb], number: int) -> list[Climb]:
+    """The best of them, in their order."""
+    best = sorted(climbs, key=lambda climb: -climb.mean)[:number]
+    return [climb for climb in climbs if climb in best]
+
+
+def _next_generation(climbs: Sequence[Climb], arena: Arena, episodes: range) -> None:
+    """All play the same episodes."""
+    drawn = [climb.drawn() for climb in climbs]
+    returns = arena.play([tree for trees in drawn for tree in trees], episodes).returns
+    ends = np.cumsum([len(trees) for trees in drawn])[:-1]
+    for climb, rows in zip(climbs, np.split(returns.mean(axis=1, dtype=np.float64), ends), strict=True):
+        climb.tell(rows)
 
 
 @dataclass(frozen=True)
