@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from sympol.pareto.plan import CHOOSING, SHARES, Plan
+from sympol.pareto.plan import CHOOSING, OTHER_SHARES, SHARES, Plan
 
 
 @pytest.mark.parametrize(
@@ -49,10 +49,15 @@ def test_a_task_has_a_budget_of_its_own():
     assert Plan("Anything-v0").seconds == 600
 
 
+@pytest.mark.parametrize("env", ["CartPole-v1", *OTHER_SHARES])
 @pytest.mark.parametrize("roads", [("scratch",), ("scratch", "evolve"), tuple(SHARES)])
-def test_roads_share_all_but_what_choosing_takes(roads):
-    plan = Plan("CartPole-v1", roads=roads)
+def test_roads_share_all_but_what_choosing_takes(env, roads):
+    plan = Plan(env, roads=roads)
     assert sum(plan.share(road) for road in roads) == pytest.approx(1 - CHOOSING)
+
+
+def test_each_task_divides_its_budget_among_all_roads():
+    assert all(shares.keys() == SHARES.keys() for shares in OTHER_SHARES.values())
 
 
 @pytest.mark.parametrize(("limit", "remedy"), [(8, "7 or 9"), (0, "1 or 3"), (-3, "1 or 3")])

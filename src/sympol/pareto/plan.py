@@ -12,6 +12,8 @@ import numpy as np
 
 SHARES = {"scratch": 0.2, "teacher": 0.3, "evolve": 0.4}
 """Of the budget, how it is divided among roads; those that are taken have it all but what choosing takes."""
+OTHER_SHARES = {"LunarLander-v3": {"scratch": 0.05, "teacher": 0.6, "evolve": 0.25}}
+"""Where training from scratch finds next to nothing, and a teacher's trees much, but slowly."""
 CHOOSING = 0.1
 """Part of a budget in seconds for choosing and testing."""
 MINUTES = {"CartPole-v1": 2.0, "MountainCarContinuous-v0": 5.0, "LunarLander-v3": 30.0}
@@ -96,7 +98,8 @@ class Plan:
 
     def share(self, road: str) -> float:
         """The part of the budget that a road has."""
-        return (1 - CHOOSING) * SHARES[road] / sum(SHARES[taken] for taken in self.roads)
+        shares = OTHER_SHARES.get(self.env, SHARES)
+        return (1 - CHOOSING) * shares[road] / sum(shares[taken] for taken in self.roads)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
