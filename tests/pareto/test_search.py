@@ -86,7 +86,7 @@ def test_all_roads_lead_to_a_front(tmp_path):
     assert {
         "scratch",
         "scratch + shrink",
-        "teacher",
+        "teacher + shrink",
         "teacher + polish",
         "scratch + teacher + evolve",
     } <= roads

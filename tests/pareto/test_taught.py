@@ -20,7 +20,7 @@ from sympol.pareto.taught import APART, FAR, best_of, player, stages
 from sympol.refine.arena import make_arena
 from sympol.refine.evolve import Budget
 
-from ..distill.teachers import pendulum
+from ..distill.teachers import cartpole, pendulum
 from ..refine.bandit import Bandit
 
 SPEC = resolve("CartPole-v1")
@@ -117,6 +117,34 @@ def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypat
     assert {one.road for one in found} == {"teacher", road.POLISHED, f"{road.POLISHED} + shrink"}
     road.taught(site)
     assert len(polished) == 2
+
+
+def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, monkeypatch):
+    plan = Plan("CartPole-v1", max_nodes=7, roads=("teacher",), budget="20M steps", teachers=1)
+    site = Site(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 100.0))
+    made, teacher = [], cartpole()
+
+    def distil(policy, method, *, max_nodes, **options):
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        made.append((max_nodes, options["seed"]))
+        return balanced(15, 0.1 * len(made))
+
+    monkeypatch.setattr(road, "distill_policy", distil)
+    with pytest.raises(KeyboardInterrupt):
+        road._trees(site, teacher, teacher, [], Spent())
+    before, finished = kept(site.folder / "distilled")
+    assert len(before) == 2
+    assert not finished
+    assert made == [(31, site.seed), (31, site.seed + 1)]
+    monkeypatch.setattr(
+        road, "distill_policy", lambda *_, max_nodes, seed, **__: balanced(max_nodes, seed % 7)
+    )
+    found = road._trees(site, teacher, teacher, before, Spent())
+    assert found[:2] == before
+    assert [one.tree.n_nodes for one in found[2:]] == [8 * times - 1 for times in road.TIMES[2:]]
+    late = [replace(before[0], spent=Spent(seconds=71.0))]
+    assert road._trees(site, teacher, teacher, late, Spent()) == late  # no time for another
 
 
 @pytest.mark.slow

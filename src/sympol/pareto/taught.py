@@ -38,6 +38,8 @@ from .site import Site, chained, part, trained
 
 TRAINING = 0.5
 """Of the share, at most, for training a teacher."""
+DISTILLING = 0.7
+"""Of the share of seconds, after which no further tree is distilled."""
 POLISHING = 0.4
 """Of a share of steps."""
 TIMES = (4, 4, 4, 2)
@@ -107,34 +109,47 @@ def _distilled(site: Site) -> list[Found]:
         cost = Spent(teacher_steps=spent.env_steps, seconds=spent.seconds)
     asked = as_teacher(teacher)
     warn_of_poor_teacher(asked)
+    trees = _trees(site, teacher, asked, before, cost)
     arena, began = make_arena(site.spec, site.seed), time.perf_counter()
-    trees = _trees_of(teacher, asked, site, arena)
-    best = best_of(arena, trees, STARTS)
-    cost += Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
-    found = [Found(tree, "teacher", cost) for tree in trees]
+    best = best_of(arena, [one.tree for one in trees], STARTS)
+    cost = trees[-1].spent + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
+    found = list(trees)
     for tree in best:
-        found += chained(site, tree, "teacher", found[-1].spent, smallest=site.plan.max_nodes)
+        found += chained(site, tree, "teacher", cost, smallest=site.plan.max_nodes)
+        cost = found[-1].spent
     within = [one for one in found if one.tree.n_nodes <= site.plan.max_nodes]
     keep(folder, within, finished=True)
     return within
 
 
-def _trees_of(policy: Any, teacher: Teacher, site: Site, arena: Arena) -> list[DecisionTree]:
-    if default_method(policy, teacher) == DISCRETIZE:
-        return [distill_policy(policy, DISCRETIZE, env=teacher.spec)]
-    limits = [max(3, times * (site.plan.max_nodes + 1) - 1) for times in TIMES]
-    episodes = EPISODES[site.spec.backend]
-    options = {
-        "num_iterations": ITERATIONS,
-        "episodes_per_iteration": episodes,
-        "num_validation_episodes": 2 * episodes,
-        "play_tree": player(arena),
-        "env": teacher.spec,
-    }
-    return [
-        distill_policy(policy, "dagger", seed=(site.seed + i) % 2**32, max_nodes=limit, **options)
-        for i, limit in enumerate(limits)
-    ]
+def _trees(site: Site, policy: Any, teacher: Teacher, before: Sequence[Found], cost: Spent) -> list[Found]:
+    """Large trees that imitate the teacher, besides those of ``before``, as many as time allows; one at least."""
+    episodes, found = EPISODES[site.spec.backend], list(before)
+    soft = default_method(policy, teacher) == DISCRETIZE
+    limits = [0] if soft else [max(3, times * (site.plan.max_nodes + 1) - 1) for times in TIMES]
+    for i, limit in list(enumerate(limits))[len(before) :]:
+        spent = found[-1].spent if found else cost
+        if found and spent.seconds > DISTILLING * site.share.seconds:
+            break
+        arena, began = make_arena(site.spec, site.seed), time.perf_counter()
+        if soft:
+            tree = distill_policy(policy, DISCRETIZE, env=teacher.spec)
+        else:
+            tree = distill_policy(
+                policy,
+                "dagger",
+                env=teacher.spec,
+                seed=(site.seed + i) % 2**32,
+                max_nodes=limit,
+                num_iterations=ITERATIONS,
+                episodes_per_iteration=episodes,
+                num_validation_episodes=2 * episodes,
+                play_tree=player(arena),
+            )
+        spent += Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
+        found.append(Found(tree, "teacher", spent))
+        keep(site.folder / "distilled", found, finished=False)
+    return found
 
 
 def _polished(site: Site, found: Sequence[Found], stage: Stage) -> list[Found]:
