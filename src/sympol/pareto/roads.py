@@ -26,6 +26,7 @@ from ..runs.checkpoint import write_atomically
 from ..trees import DecisionTree
 from .found import HEAT, Found, keep, kept
 from .front import Spent
+from .looked_up import is_known, looked_up
 from .plan import Plan
 from .site import EPISODES, Site, chained, trained
 from .taught import taught
@@ -68,7 +69,7 @@ def walk(plan: dict[str, Any], folder: str, road: str, index: int, seconds: floa
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         if not kept(site.folder)[1]:
-            {"scratch": _scratch, "teacher": taught, "evolve": _evolve}[road](site)
+            {"scratch": _scratch, "teacher": _teacher, "evolve": _evolve}[road](site)
     return list(dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning)))
 
 
@@ -77,6 +78,10 @@ def _scratch(site: Site) -> None:
     agent, spent = trained(site, "tree", site.folder / "run", site.share, max_nodes=limit)
     found = chained(site, agent.tree(), "scratch", spent)
     keep(site.folder, found, finished=True)
+
+
+def _teacher(site: Site) -> None:
+    (looked_up if is_known(site.spec) and not site.plan.teacher else taught)(site)
 
 
 def _evolve(site: Site) -> None:

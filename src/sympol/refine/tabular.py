@@ -40,6 +40,42 @@ class World(NamedTuple):
     """Which of them each state shows."""
     number: dict[bytes, int]
     """Of each state, by its key."""
+    rewards: Float32[np.ndarray, " times"]
+    """For coming to the goal, at each time up to the limit."""
+
+    def walk(
+        self, act: Int[np.ndarray, "policies observations"], starts: Int[np.ndarray, " starts"]
+    ) -> Played:
+        """What each policy, an action for each observation, earns from each state, and in how many steps."""
+        successor, limit = self.graph.successor, len(self.rewards) - 1
+        job = np.arange(len(act) * len(starts))
+        policy, state = np.repeat(np.arange(len(act)), len(starts)), np.tile(starts, len(act))
+        returns, lengths = np.zeros(len(job), np.float32), np.full(len(job), limit, np.int32)
+        mark = state
+        for time in range(1, limit + 1):
+            action = act[policy, self.sees[state]]
+            after = successor[state, action]
+            over = after < 0
+            arrives = self.graph.reaches_goal[state[over], action[over]]
+            lengths[job[over]], returns[job[over]] = time, np.where(arrives, self.rewards[time], 0)
+            goes_on = ~over & (after != mark)
+            job, policy, state, mark = job[goes_on], policy[goes_on], after[goes_on], mark[goes_on]
+            if not job.size:
+                break
+            if time & (time - 1) == 0:
+                mark = state
+        shape = len(act), len(starts)
+        return Played(returns.reshape(shape), lengths.reshape(shape))
+
+    def way(self, act: Int[np.ndarray, " observations"], start: int) -> list[int]:
+        """The states in which a policy acts, from one on until the episode is over."""
+        states = [start]
+        while len(states) < len(self.rewards) - 1:
+            after = int(self.graph.successor[states[-1], act[self.sees[states[-1]]]])
+            if after < 0:
+                break
+            states.append(after)
+        return states
 
 
 @lru_cache(maxsize=4)
@@ -51,7 +87,7 @@ def world_of(env: Any) -> World | None:
     seen = reach.observe_all(env, graph.states)
     observations, sees = np.unique(seen, axis=0, return_inverse=True)
     number = {key: i for i, key in enumerate(reach.keys(graph.states))}
-    return World(graph, observations, sees.astype(np.int32), number)
+    return World(graph, observations, sees.astype(np.int32), number, env.rewards)
 
 
 class TableArena(Arena):
@@ -62,65 +98,38 @@ class TableArena(Arena):
         assert isinstance(spec.env, MiniGrid)
         world = world_of(spec.env)
         assert world is not None
-        self._env, self._world = spec.env, world
+        self._env, self.world = spec.env, world
         self._key = np.array([WORDS[purpose], seed], np.uint32)
         self._begun: dict[range, Int[np.ndarray, " episodes"]] = {}
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
-        starts, episode = np.unique(self._starts(episodes), return_inverse=True)
-        rows = max(1, ASKED // len(self._world.observations))
-        parts = [self._walk(trees[i : i + rows], starts) for i in range(0, len(trees), rows)]
+        starts, episode = np.unique(self.starts(episodes), return_inverse=True)
+        rows = max(1, ASKED // len(self.world.observations))
+        acts = (self._actions(trees[i : i + rows]) for i in range(0, len(trees), rows))
+        parts = [self.world.walk(act, starts) for act in acts]
         return Played(*(np.concatenate(part)[:, episode] for part in zip(*parts, strict=True)))
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
-        act, graph = self._actions([tree])[0][self._world.sees], self._world.graph
-        steps = []
-        for start in self._starts(episodes).tolist():
-            state, time = start, 0
-            while state >= 0 and time < self._env.max_episode_steps:
-                steps.append(state)
-                state, time = int(graph.successor[state, act[state]]), time + 1
-        return self._world.observations[self._world.sees[steps]]
+        act = self._actions([tree])[0]
+        ways = (self.world.way(act, start) for start in self.starts(episodes).tolist())
+        return self.world.observations[self.world.sees[[state for way in ways for state in way]]]
 
-    def _starts(self, episodes: range) -> Int[np.ndarray, " episodes"]:
+    def starts(self, episodes: range) -> Int[np.ndarray, " episodes"]:
         """The state that each episode starts in."""
         if episodes not in self._begun:
             numbers = np.arange(episodes.start, episodes.stop, dtype=np.int32)
             begin = _beginning(self._env)
             keys = reach.keys(reach.in_batches(lambda rows: begin(self._key, rows), numbers))
-            self._begun[episodes] = np.array([self._world.number[key] for key in keys])
+            self._begun[episodes] = np.array([self.world.number[key] for key in keys])
         return self._begun[episodes]
 
     def _actions(self, trees: Sequence[DecisionTree]) -> Int[np.ndarray, "trees observations"]:
         """What each tree does on each observation."""
         packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        shape = len(trees), len(self._world.observations)
+        shape = len(trees), len(self.world.observations)
         tree = np.repeat(np.arange(shape[0]), shape[1])
-        node = packed.apply(tree, np.tile(self._world.observations, (shape[0], 1)))
+        node = packed.apply(tree, np.tile(self.world.observations, (shape[0], 1)))
         return answers(packed, self.spec)[tree, node].reshape(shape)
-
-    def _walk(self, trees: Sequence[DecisionTree], starts: Int[np.ndarray, " starts"]) -> Played:
-        """Each tree from each start."""
-        successor, reaches_goal = self._world.graph.successor, self._world.graph.reaches_goal
-        limit, rewards, act = self._env.max_episode_steps, self._env.rewards, self._actions(trees)
-        job = np.arange(len(trees) * len(starts))
-        tree, state = np.repeat(np.arange(len(trees)), len(starts)), np.tile(starts, len(trees))
-        returns, lengths = np.zeros(len(job), np.float32), np.full(len(job), limit, np.int32)
-        mark = state
-        for time in range(1, limit + 1):
-            action = act[tree, self._world.sees[state]]
-            after = successor[state, action]
-            over = after < 0
-            lengths[job[over]] = time
-            returns[job[over]] = np.where(reaches_goal[state[over], action[over]], rewards[time], 0)
-            goes_on = ~over & (after != mark)
-            job, tree, state, mark = job[goes_on], tree[goes_on], after[goes_on], mark[goes_on]
-            if not job.size:
-                break
-            if time & (time - 1) == 0:
-                mark = state
-        shape = len(trees), len(starts)
-        return Played(returns.reshape(shape), lengths.reshape(shape))
 
 
 @lru_cache(maxsize=4)

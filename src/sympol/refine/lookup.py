@@ -1,0 +1,154 @@
+"""The best policy of a small world that sees what a tree sees and remembers nothing: an action for each observation.
+
+All of the world is known (`tabular`), so a policy is followed from every start in a moment. The search begins with what
+the shortest ways do in states that look alike, then changes the action of one observation, whichever gains most, until
+none gains anything; from there some actions at random, and again. What is earned from all other states counts a little,
+too: where no start leads to the goal yet, it says which way it lies. (Iterated local search; nothing proves that what
+it ends with is the best, except where every start is solved in as few steps as there can be.)
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from .evolve import Budget
+from .tabular import TableArena, World
+
+EPISODES = 1024
+"""Whose starts are looked at."""
+ANYWHERE = 256
+"""States besides the starts that count a little."""
+LITTLE = 1e-3
+PATIENCE = 30
+"""Changes at random in a row without a gain, after which the search begins anew."""
+GAIN = 1e-9
+"""Below that, a difference is rounding."""
+
+
+class Lookup(NamedTuple):
+    """A policy as a table."""
+
+    observations: Float32[np.ndarray, "observations features"]
+    """On which it acts, coming from any start."""
+    actions: Int[np.ndarray, " observations"]
+    """What it does there."""
+    mean: float
+    """Its mean return."""
+    is_best: bool
+    """Whether no policy can earn more, be it one with memory."""
+    steps: int
+    """That were looked up."""
+
+
+def best_lookup(arena: TableArena, *, budget: Budget, seed: int = 0) -> Lookup:
+    """Search until nothing can be better, or the budget is spent. With a budget in steps, the same seed ends alike."""
+    search = _Search(arena.world, arena.starts(range(EPISODES)), np.random.default_rng(seed))
+    began = time.perf_counter()
+    best, mean = search.begin(), -np.inf
+    for act in search.optima():
+        earned = search.earned(act)
+        if earned > mean + GAIN:
+            best, mean = act, earned
+        if (
+            mean >= search.most - GAIN
+            or search.steps >= budget.steps
+            or time.perf_counter() - began >= budget.seconds
+        ):
+            break
+    seen = search.seen(best)
+    return Lookup(arena.world.observations[seen], best[seen], mean, mean >= search.most - GAIN, search.steps)
+
+
+def steps_to_goal(world: World) -> Int[np.ndarray, " states"]:
+    """The least number of steps from each state; more than the time there is where the goal cannot be reached."""
+    successor, limit = world.graph.successor, len(world.rewards)
+    steps = np.full(len(successor), limit)
+    while True:
+        via = np.where(successor >= 0, steps[successor], limit)
+        nearer = np.minimum(np.where(world.graph.reaches_goal, 0, via).min(axis=1) + 1, limit)
+        if (nearer == steps).all():
+            return steps
+        steps = nearer
+
+
+class _Search:
+    """Policies are integer arrays, an action for each observation of the world."""
+
+    def __init__(self, world: World, starts: Int[np.ndarray, " episodes"], rng: np.random.Generator) -> None:
+        self.world, self.rng, self.steps = world, rng, 0
+        self.starts, counts = np.unique(starts, return_counts=True)
+        self.weights = counts / counts.sum()
+        self.shape = len(world.observations), world.graph.successor.shape[1]
+        states = np.arange(len(world.sees))
+        self.anywhere = states if len(states) <= ANYWHERE else rng.choice(states, ANYWHERE, replace=False)
+        self.to_goal = steps_to_goal(world)
+        rewards = np.append(world.rewards, 0)
+        self.most = float(rewards[self.to_goal[self.starts]].astype(float) @ self.weights)
+
+    def begin(self) -> Int[np.ndarray, " observations"]:
+        """In each observation what shortest ways do in most states that look so, states weighed at random."""
+        after = np.where(
+            self.world.graph.reaches_goal,
+            0,
+            np.where(self.world.graph.successor >= 0, self.to_goal[self.world.graph.successor], np.inf),
+        )
+        votes = np.zeros(self.shape)
+        weighed = (after + 1 == self.to_goal[:, None]) * self.rng.random((len(after), 1))
+        np.add.at(votes, self.world.sees, weighed)
+        return votes.argmax(axis=1)
+
+    def optima(self) -> Iterator[Int[np.ndarray, " observations"]]:
+        """Policies that no other action in one observation makes better, for ever."""
+        while True:
+            best, score = self._climbed(self.begin())
+            yield best
+            fails = 0
+            while fails < PATIENCE:
+                changed = best.copy()
+                some = self.rng.integers(self.shape[0], size=self.rng.integers(2, 6))
+                changed[some] = self.rng.integers(self.shape[1], size=len(some))
+                found, its = self._climbed(changed)
+                fails += 1
+                if its > score + GAIN:
+                    best, score, fails = found, its, 0
+                yield best
+
+    def earned(self, act: Int[np.ndarray, " observations"]) -> float:
+        """The mean return."""
+        return float(self._returns(act[None], self.starts)[0] @ self.weights)
+
+    def seen(self, act: Int[np.ndarray, " observations"]) -> Bool[np.ndarray, " observations"]:
+        """Which observations the policy acts on, from any start."""
+        ways = (self.world.way(act, start) for start in self.starts.tolist())
+        return np.isin(np.arange(self.shape[0]), self.world.sees[[state for way in ways for state in way]])
+
+    def _climbed(
+        self, act: Int[np.ndarray, " observations"]
+    ) -> tuple[Int[np.ndarray, " observations"], float]:
+        score = self._scores(act[None])[0]
+        observation, other = np.divmod(np.arange(self.shape[0] * (self.shape[1] - 1)), self.shape[1] - 1)
+        while True:
+            changed = np.repeat(act[None], len(observation), axis=0)
+            changed[np.arange(len(changed)), observation] += 1 + other
+            changed %= self.shape[1]
+            scores = self._scores(changed)
+            best = int(scores.argmax())
+            if scores[best] <= score + GAIN:
+                return act, float(score)
+            act, score = changed[best], scores[best]
+
+    def _scores(self, acts: Int[np.ndarray, "policies observations"]) -> Float[np.ndarray, " policies"]:
+        own = self._returns(acts, self.starts) @ self.weights
+        return own + LITTLE * self._returns(acts, self.anywhere).mean(axis=1)
+
+    def _returns(
+        self, acts: Int[np.ndarray, "policies observations"], states: Int[np.ndarray, " states"]
+    ) -> Float[np.ndarray, "policies states"]:
+        returns, lengths = self.world.walk(acts, states)
+        self.steps += int(lengths.sum(dtype=np.int64))
+        return returns.astype(float)
