@@ -98,9 +98,9 @@ def test_all_roads_lead_to_a_front(tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_search_goes_on_where_it_was(tmp_path):
-    folder, plan = tmp_path / "front", Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="40M steps")
+    folder, plan = tmp_path / "front", Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="160M steps")
     command = [sys.executable, "-m", "sympol.cli", "pareto", "CartPole-v1", "--max-nodes", "5"]
-    command += ["--roads", "evolve", "--budget", "40M steps", "--workers", "1", "--out", str(folder)]
+    command += ["--roads", "evolve", "--budget", "160M steps", "--workers", "1", "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     file = folder / "evolve" / "0" / FILE
     for _ in range(1200):
