@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import sympol
+import sympol.pareto.search
 from sympol import DecisionTree
 from sympol.cli import main
 from sympol.distill import Teacher
@@ -98,7 +99,8 @@ def test_all_roads_lead_to_a_front(tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_search_goes_on_where_it_was(tmp_path):
-    folder, plan = tmp_path / "front", Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="160M steps")
+    folder = tmp_path / "front"
+    plan = Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="160M steps")
     command = [sys.executable, "-m", "sympol.cli", "pareto", "CartPole-v1", "--max-nodes", "5"]
     command += ["--roads", "evolve", "--budget", "160M steps", "--workers", "1", "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -118,6 +120,16 @@ def test_a_killed_search_goes_on_where_it_was(tmp_path):
     assert after[-1].spent.env_steps >= plan.steps * plan.share("evolve") / plan.islands
     assert after[-1].spent.env_steps < 1.5 * plan.steps * plan.share("evolve") / plan.islands
     assert front.best().test.mean > 400
+
+
+def test_a_road_without_its_library_is_refused_before_anything_is_done(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        sympol.pareto.search, "LIBRARIES", {"scikit-learn": "sklearn", "pycma": "no_such_module"}
+    )
+    with pytest.raises(RunError, match=r"needs pycma, not installed here: pip install 'sympol\[bench\]'"):
+        begin(Plan("CartPole-v1"), tmp_path / "front")
+    assert not (tmp_path / "front").exists()
+    begin(Plan("CartPole-v1", roads=("scratch", "evolve")), tmp_path / "front")
 
 
 def test_another_plan_or_another_folder_is_refused(quick, tmp_path):

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeAlias
 
@@ -29,6 +30,8 @@ from .plan import CHOOSING, Plan
 from .roads import place, tasks
 
 PLAN = "plan.json"
+LIBRARIES = {"scikit-learn": "sklearn", "pycma": "cma"}
+"""That the teacher's road needs, and their modules."""
 Watch: TypeAlias = Callable[[str, float], object]
 """Told what is done now, and the seconds that the search has taken so far."""
 
@@ -37,7 +40,7 @@ def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = 
     """Search, or go on with a search that was interrupted; return the front, which is in the folder then.
 
     Raises:
-        RunError: the folder holds something else, or the search of another plan.
+        RunError: the folder holds something else, or the search of another plan; or a road lacks a library.
         ValueError: a budget that is too small to find anything.
         TasksFailed: a road that failed.
         Busy: another search works in the folder.
@@ -87,8 +90,14 @@ def begin(plan: Plan, folder: Path) -> None:
     """Make the folder of a search, or see that it holds this one.
 
     Raises:
-        RunError: it does not.
+        RunError: it does not, or a road lacks a library.
     """
+    missing = [name for name, module in LIBRARIES.items() if find_spec(module) is None]
+    if "teacher" in plan.roads and missing:
+        raise RunError(
+            f"the teacher's road needs {' and '.join(missing)}, not installed here: pip install 'sympol[bench]', or "
+            "leave it out: --roads scratch evolve"
+        )
     file = folder / PLAN
     if file.exists():
         try:
