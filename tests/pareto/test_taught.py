@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from itertools import pairwise
 
@@ -118,15 +117,6 @@ def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypat
     assert {one.road for one in found} == {"teacher", road.POLISHED, f"{road.POLISHED} + shrink"}
     road.taught(site)
     assert len(polished) == 2
-
-
-def test_without_pycma_no_teacher_is_trained(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "cma", None)
-    plan = Plan("CartPole-v1", max_nodes=7, roads=("teacher",), budget="20M steps", teachers=1)
-    site = Site(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 1e9))
-    with pytest.raises(ImportError, match=r"pip install 'sympol\[bench\]'"):
-        road.taught(site)
-    assert not site.folder.exists()
 
 
 def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, monkeypatch):

@@ -29,7 +29,7 @@ from ..envs.registry import resolve
 from ..play import Episodes, Purpose, play
 from ..refine.arena import Arena, make_arena
 from ..refine.evolve import Budget
-from ..refine.polish import Polished, polish, pycma
+from ..refine.polish import Polished, polish
 from ..teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from .found import Found, keep, kept
@@ -60,12 +60,7 @@ APART = 1 << 27
 
 
 def taught(site: Site) -> None:
-    """Go the road; what is found is in the site's folder then.
-
-    Raises:
-        ImportError: pycma or scikit-learn is not installed.
-    """
-    pycma()  # before the work, not after it
+    """Go the road; what is found is in the site's folder then."""
     found = _distilled(site)
     keep(site.folder, found, finished=False)
     for stage in stages(site.plan.max_nodes):

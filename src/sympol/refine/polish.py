@@ -208,19 +208,14 @@ class Numbers:
         return replace(self.tree, threshold=threshold, value=value, n_node_samples=None)
 
 
-def pycma() -> Any:
-    """The class of pycma's strategy; raises ImportError with the remedy where it is not installed."""
+def _strategy(size: int, seed: int) -> Any:
+    """CMA-ES as pycma has it, with a random generator of its own in place of NumPy's global one."""
     try:
         from cma import CMAEvolutionStrategy
     except ImportError as error:
         raise ImportError(
             "polishing a tree needs pycma, which is not installed; install it: pip install 'sympol[bench]'"
         ) from error
-    return CMAEvolutionStrategy
-
-
-def _strategy(size: int, seed: int) -> Any:
-    """CMA-ES with a random generator of its own in place of NumPy's global one."""
     rng = np.random.default_rng(seed)
     options = {
         "randn": lambda *shape: rng.standard_normal(shape),
@@ -232,4 +227,4 @@ def _strategy(size: int, seed: int) -> Any:
         "tolflatfitness": FLAT,
         "verbose": -10,  # no words, and no file of signals is read
     }
-    return pycma()(np.zeros(size), STEP, options)
+    return CMAEvolutionStrategy(np.zeros(size), STEP, options)
