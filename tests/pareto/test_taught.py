@@ -11,12 +11,14 @@ import pytest
 from sympol import DecisionTree
 from sympol.distill import distill
 from sympol.envs.registry import resolve
+from sympol.pareto import polished as polishing
 from sympol.pareto import taught as road
 from sympol.pareto.found import Found, keep, kept
 from sympol.pareto.front import Spent
 from sympol.pareto.plan import Plan
+from sympol.pareto.polished import APART, FAR, best_of, stages
 from sympol.pareto.site import Site
-from sympol.pareto.taught import APART, FAR, best_of, player, stages
+from sympol.pareto.taught import player
 from sympol.refine.arena import make_arena
 from sympol.refine.evolve import Budget
 
@@ -94,7 +96,7 @@ def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypat
     keep(site.folder / "distilled", distilled, finished=True)
     half_polished = balanced(7, 0.05)
     so_far = Spent(400_000, 50, 0, 3.0)
-    keep(site.folder / "7-nodes", [Found(half_polished, road.POLISHED, so_far)], finished=False)
+    keep(site.folder / "7-nodes", [Found(half_polished, "teacher + polish", so_far)], finished=False)
     polished = []
 
     def polish(trees, arena, *, budget, **options):
@@ -102,11 +104,11 @@ def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypat
         polished.append((trees, budget, options["first_episode"]))
         return replace(tree, threshold=tree.threshold + np.float32(0.01) * ~tree.is_leaf)
 
-    monkeypatch.setattr(road, "polish", polish)
+    monkeypatch.setattr(polishing, "polish", polish)
     road.taught(site)
     (first, budget, at), (second, *_) = polished
     assert first == [half_polished]
-    assert budget.steps == 20e6 * road.POLISHING * stages(7)[0].part - (so_far.env_steps - 1000)
+    assert budget.steps == 20e6 * polishing.POLISHING * stages(7)[0].part - (so_far.env_steps - 1000)
     assert at == FAR
     assert all(tree.n_nodes <= 3 for tree in second)
     found, finished = kept(site.folder)
@@ -114,7 +116,7 @@ def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypat
     assert found[0] == distilled[0]
     costs = [one.spent.env_steps for one in found]
     assert costs == sorted(costs)  # each step adds to the one before
-    assert {one.road for one in found} == {"teacher", road.POLISHED, f"{road.POLISHED} + shrink"}
+    assert {one.road for one in found} == {"teacher", "teacher + polish", "teacher + polish + shrink"}
     road.taught(site)
     assert len(polished) == 2
 
@@ -156,6 +158,6 @@ def test_polishing_makes_more_of_a_distilled_tree_with_continuous_actions(tmp_pa
     site = Site(plan, spec, tmp_path, 0, tmp_path / "teacher" / "0", Budget(10e6, 1e9))
     keep(site.folder / "distilled", [Found(tree, "teacher", Spent())], finished=True)
     road.taught(site)
-    better = next(one.tree for one in kept(site.folder)[0] if one.road == road.POLISHED)
+    better = next(one.tree for one in kept(site.folder)[0] if one.road == "teacher + polish")
     returns = make_arena(spec, 1000, "validation").play([tree, better], range(512)).returns.mean(axis=1)
     assert returns[1] > returns[0] + 30

@@ -2,7 +2,7 @@
 
 | road | what |
 |---|---|
-| scratch | our trees trained by PPO, every other one within the limit of nodes; each pruned by return, node by node |
+| scratch | trees trained by PPO, every other one within the limit of nodes; pruned by return and polished in turns |
 | teacher | an MLP trained by PPO, distilled; pruned by return and polished in turns (`sympol.pareto.taught`) |
 | evolve | whatever the other roads found, and random trees, changed at random (`sympol.refine.evolve`) |
 """
@@ -28,6 +28,7 @@ from .found import HEAT, Found, keep, kept
 from .front import Spent
 from .looked_up import is_known, looked_up
 from .plan import Plan
+from .polished import polished
 from .site import EPISODES, Site, chained, trained
 from .taught import taught
 
@@ -77,7 +78,8 @@ def _scratch(site: Site) -> None:
     limit = 0 if site.index % 2 == 0 else site.plan.max_nodes
     agent, spent = trained(site, "tree", site.folder / "run", site.share, max_nodes=limit)
     found = chained(site, agent.tree(), "scratch", spent)
-    keep(site.folder, found, finished=True)
+    keep(site.folder, found, finished=False)
+    polished(site, found, "scratch")
 
 
 def _teacher(site: Site) -> None:

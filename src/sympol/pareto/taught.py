@@ -3,12 +3,11 @@
 1. A teacher is trained, or given.
 2. It is distilled into several trees that may be a few times as large as those asked for: what a large tree earns, a
    small one pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
-3. The best two are pruned by return to the limit, and their numbers are polished (`sympol.refine.polish`), which leaves
-   the better one: CART puts thresholds where the teacher's answers change, and not where the tree, which is cruder, had
-   better change its own.
-4. The same with half the limit, and with a quarter, from the tree before.
+3. The best two are pruned by return to the limit and polished (`sympol.pareto.polished`), which leaves the better one:
+   CART puts thresholds where the teacher's answers change, and not where the tree, which is cruder, had better change
+   its own.
 
-Each step leaves what it found in a folder of its own. What is done is not done again, and a polish goes on.
+Each tree is kept when it is there. What is done is not done again.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,72 +26,28 @@ from ..distill.imitate import Play
 from ..envs.registry import resolve
 from ..play import Episodes, Purpose, play
 from ..refine.arena import Arena, make_arena
-from ..refine.evolve import Budget
-from ..refine.polish import Polished, polish
 from ..teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from .found import Found, keep, kept
 from .front import Spent
+from .polished import EPISODES, STARTS, best_of, polished
 from .site import Site, chained, part, trained
 
 TRAINING = 0.5
 """Of the share, at most, for training a teacher."""
 DISTILLING = 0.7
 """Of the share of seconds, after which no further tree is distilled."""
-POLISHING = 0.4
-"""Of a share of steps."""
 TIMES = (4, 4, 4, 2)
 """How large distilled trees may be, in limits."""
 ITERATIONS = 12
 """Trees that are fitted one after the other, of which distillation takes the best."""
-STARTS = 2
-"""Trees that are polished side by side at first."""
-FIRST, LAST = 32, 128
-"""Episodes of a race: for all, and for the best few."""
-FAR = 1 << 30
-"""Polishing plays episodes from here on."""
-EPISODES = {"jax": 64, "envpool": 32, "host": 16}
-"""Of a generation of polishing and of an iteration of distillation, by what steps them."""
-POLISHED = "teacher + polish"
-APART = 1 << 27
-"""Episodes of one size."""
 
 
 def taught(site: Site) -> None:
     """Go the road; what is found is in the site's folder then."""
     found = _distilled(site)
     keep(site.folder, found, finished=False)
-    for stage in stages(site.plan.max_nodes):
-        found += _polished(site, found, stage)
-        keep(site.folder, found, finished=False)
-    keep(site.folder, found, finished=True)
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A size to polish."""
-
-    nodes: int
-    """At most."""
-    next_nodes: int
-    """To which the tree is pruned afterwards."""
-    part: float
-    """Of the steps for polishing."""
-    part_of_rest: float
-    """Of the seconds that are left."""
-    first_episode: int
-
-
-def stages(max_nodes: int) -> list[Stage]:
-    """The limit, half of it, and half of that, as long as there is a question to polish."""
-    sizes = [size for size in (max_nodes, (max_nodes - 1) // 2, (max_nodes - 3) // 4) if size >= 3]
-    sizes = [size - 1 + size % 2 for size in sizes]
-    made, rest = [], 1.0
-    for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True)):
-        of_rest = 1.0 if end == 1 else 0.5
-        made.append(Stage(size, end, rest * of_rest, of_rest, FAR + i * APART))
-        rest -= rest * of_rest
-    return made
+    polished(site, found, "teacher")
 
 
 def _distilled(site: Site) -> list[Found]:
@@ -150,59 +104,6 @@ def _trees(site: Site, policy: Any, teacher: Teacher, before: Sequence[Found], c
         found.append(Found(tree, "teacher", spent))
         keep(site.folder / "distilled", found, finished=False)
     return found
-
-
-def _polished(site: Site, found: Sequence[Found], stage: Stage) -> list[Found]:
-    """The best of the trees that are no larger, polished, and pruned by return."""
-    folder = site.folder / f"{stage.nodes}-nodes"
-    before, finished = kept(folder)
-    if finished:
-        return before
-    arena, began = make_arena(site.spec, site.seed), time.perf_counter()
-    road_so_far = found[-1].spent
-    if before:
-        starts, done = [before[0].tree], before[0].spent
-    else:
-        starts, done = _best_below(stage.nodes, found, arena), road_so_far
-
-    def spent() -> Spent:
-        return done + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
-
-    def tell(now: Polished) -> None:
-        keep(folder, [Found(now.tree, POLISHED, spent())], finished=False)
-
-    so_far = spent()
-    better = polish(
-        starts,
-        arena,
-        budget=Budget(
-            site.share.steps * POLISHING * stage.part - (so_far.env_steps - road_so_far.env_steps),
-            (site.share.seconds - road_so_far.seconds) * stage.part_of_rest
-            - (so_far.seconds - road_so_far.seconds),
-        ),
-        episodes=EPISODES[site.spec.backend],
-        first_episode=stage.first_episode,
-        seed=site.seed,
-        progress=tell,
-    )
-    more = chained(site, better, POLISHED, spent(), smallest=stage.next_nodes)
-    keep(folder, more, finished=True)
-    return more
-
-
-def _best_below(nodes: int, found: Sequence[Found], arena: Arena) -> list[DecisionTree]:
-    """The best of the trees that have at most so many nodes, and more than half as many if there are such."""
-    fit = [one.tree for one in found if one.tree.n_nodes <= nodes]
-    return best_of(arena, [tree for tree in fit if tree.n_nodes > nodes // 2] or fit, STARTS)
-
-
-def best_of(arena: Arena, trees: Sequence[DecisionTree], number: int) -> list[DecisionTree]:
-    """The best of some different trees: all play a few episodes, the best few of them more."""
-    trees = list(dict.fromkeys(trees))
-    for episodes, kept_on in ((FIRST, 2 * number), (LAST, number)):
-        means = arena.play(trees, range(episodes)).returns.mean(axis=1, dtype=np.float64)
-        trees = [trees[i] for i in np.argsort(-means, kind="stable")[:kept_on]]
-    return trees
 
 
 def player(arena: Arena) -> Play:

@@ -1,0 +1,132 @@
+"""In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
+
+A tree is pruned by return to the limit, and its numbers are polished (`sympol.refine.polish`); then the same with half
+the limit, and with a quarter, from the tree before. Each size leaves what it found in a folder of its own: what is done
+is not done again, and a polish goes on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..envs.spec import EnvSpec
+from ..refine.arena import Arena, make_arena
+from ..refine.evolve import Budget
+from ..refine.polish import Polished, polish
+from ..trees import BoxActions, DecisionTree
+from .found import Found, keep, kept
+from .front import Spent
+from .site import Site, chained
+
+POLISHING = 0.4
+"""Of a share of steps."""
+STARTS = 2
+"""Trees that are polished side by side at first."""
+FIRST, LAST = 32, 128
+"""Episodes of a race: for all, and for the best few."""
+FAR = 1 << 30
+"""Polishing plays episodes from here on."""
+EPISODES = {"jax": 64, "envpool": 32, "host": 16}
+"""Of a generation of polishing and of an iteration of distillation, by what steps them."""
+APART = 1 << 27
+"""Episodes of one size."""
+
+
+def polished(site: Site, found: Sequence[Found], road: str) -> list[Found]:
+    """What a road has found, and what comes of it by polishing; all of it is in the site's folder then."""
+    found = list(found)
+    for stage in stages(site.plan.max_nodes) if has_numbers(site.spec) else ():
+        found += _at(site, found, stage, f"{road} + polish")
+        keep(site.folder, found, finished=False)
+    keep(site.folder, found, finished=True)
+    return found
+
+
+def has_numbers(spec: EnvSpec) -> bool:
+    """Whether there is anything to polish: a feature that is no category, or a continuous action."""
+    categories = sum(len(group.features) for group in spec.features.groups)
+    return categories < len(spec.features.names) or isinstance(spec.actions, BoxActions)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A size to polish."""
+
+    nodes: int
+    """At most."""
+    next_nodes: int
+    """To which the tree is pruned afterwards."""
+    part: float
+    """Of the steps for polishing."""
+    part_of_rest: float
+    """Of the seconds that are left."""
+    first_episode: int
+
+
+def stages(max_nodes: int) -> list[Stage]:
+    """The limit, half of it, and half of that, as long as there is a question to polish."""
+    sizes = [size for size in (max_nodes, (max_nodes - 1) // 2, (max_nodes - 3) // 4) if size >= 3]
+    sizes = [size - 1 + size % 2 for size in sizes]
+    made, rest = [], 1.0
+    for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True)):
+        of_rest = 1.0 if end == 1 else 0.5
+        made.append(Stage(size, end, rest * of_rest, of_rest, FAR + i * APART))
+        rest -= rest * of_rest
+    return made
+
+
+def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Found]:
+    """The best of the trees that are no larger, polished, and pruned by return."""
+    folder = site.folder / f"{stage.nodes}-nodes"
+    before, finished = kept(folder)
+    if finished:
+        return before
+    arena, began = make_arena(site.spec, site.seed), time.perf_counter()
+    road_so_far = found[-1].spent
+    if before:
+        starts, done = [before[0].tree], before[0].spent
+    else:
+        starts, done = _best_below(stage.nodes, found, arena), road_so_far
+
+    def spent() -> Spent:
+        return done + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
+
+    def tell(now: Polished) -> None:
+        keep(folder, [Found(now.tree, road, spent())], finished=False)
+
+    so_far = spent()
+    better = polish(
+        starts,
+        arena,
+        budget=Budget(
+            site.share.steps * POLISHING * stage.part - (so_far.env_steps - road_so_far.env_steps),
+            (site.share.seconds - road_so_far.seconds) * stage.part_of_rest
+            - (so_far.seconds - road_so_far.seconds),
+        ),
+        episodes=EPISODES[site.spec.backend],
+        first_episode=stage.first_episode,
+        seed=site.seed,
+        progress=tell,
+    )
+    more = chained(site, better, road, spent(), smallest=stage.next_nodes)
+    keep(folder, more, finished=True)
+    return more
+
+
+def _best_below(nodes: int, found: Sequence[Found], arena: Arena) -> list[DecisionTree]:
+    """The best of the trees that have at most so many nodes, and more than half as many if there are such."""
+    fit = [one.tree for one in found if one.tree.n_nodes <= nodes]
+    return best_of(arena, [tree for tree in fit if tree.n_nodes > nodes // 2] or fit, STARTS)
+
+
+def best_of(arena: Arena, trees: Sequence[DecisionTree], number: int) -> list[DecisionTree]:
+    """The best of some different trees: all play a few episodes, the best few of them more."""
+    trees = list(dict.fromkeys(trees))
+    for episodes, kept_on in ((FIRST, 2 * number), (LAST, number)):
+        means = arena.play(trees, range(episodes)).returns.mean(axis=1, dtype=np.float64)
+        trees = [trees[i] for i in np.argsort(-means, kind="stable")[:kept_on]]
+    return trees
