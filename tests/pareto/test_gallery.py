@@ -150,14 +150,23 @@ def test_a_road_cannot_write_on_the_page():
     assert r"&lt;script&gt;\|\*x\*" in text
 
 
-def test_the_readme_has_the_picture_and_a_table_for_each_task():
-    text = readme([[ladder()], [ladder(environment="Acrobot-v1", shift=-600)]])
+def test_the_readme_has_the_picture_and_one_table_of_all_tasks():
+    runs = [replace(ladder(), seed=seed) for seed in range(2)]
+    text = readme([runs, [ladder(environment="Acrobot-v1", shift=-600)]])
     assert "(docs/images/fronts/gallery.svg)" in text
-    assert [line for line in text.splitlines() if line.startswith("**")] == [
-        "**CartPole-v1**",
-        "**Acrobot-v1**",
+    rows = [
+        [cell.strip() for cell in line[1:-1].split("|")] for line in text.splitlines() if line.startswith("|")
     ]
-    assert text.count("| at most |") == 2
+    assert rows[0] == ["task", "at most", "asked", "test return", "nodes", "each run"]
+    assert [row[:3] for row in rows[2:]] == [
+        ["CartPole-v1", "5", "500"],
+        ["Acrobot-v1", "7", "−82"],
+        ["", "31", "−78"],
+    ]
+    best = runs[0].best(5)
+    assert best is not None
+    assert best.test is not None
+    assert rows[2][4:] == [str(best.nodes), f"{best.test.mean:.1f} {best.test.mean:.1f}"]
 
 
 def test_the_page_in_docs_is_what_the_results_say():

@@ -26,7 +26,7 @@ from .front import Front, FrontError, Point
 from .plan import SHARES
 from .plot import plot, plot_gallery, smallest
 from .several import require_one_task
-from .words import markdown, markdown_by_roads, markdown_of_runs
+from .words import markdown, markdown_by_roads, markdown_of_runs, markdown_of_tasks
 
 FORMAT = "sympol.fronts"
 VERSION = 1
@@ -160,8 +160,7 @@ def page(tasks: Sequence[Sequence[Front]], parts: Sequence[Sequence[Sequence[Fro
 def readme(tasks: Sequence[Sequence[Front]]) -> str:
     """The gallery for the README: the picture, and a table of what was reached with at most so many nodes."""
     image = "![The front of every task, and its smallest trees](docs/images/fronts/gallery.svg)"
-    tables = (f"**{fronts[0].environment}**\n\n{markdown_of_runs(fronts).split(_END)[0]}" for fronts in tasks)
-    return _END.join([image, *tables]) + "\n"
+    return _END.join([image, markdown_of_tasks(tasks)])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

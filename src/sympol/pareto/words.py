@@ -74,11 +74,9 @@ def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = N
     Raises:
         FrontError: as `summarise` does.
     """
-    environment = require_one_task(fronts)
-    asked = list(targets(environment) if asked is None else asked)
-    asked = asked or [Target(size, None) for size in sizes_of(fronts)]
+    asked = _asked(fronts) if asked is None else list(asked)
     found = summarise(fronts, [target.nodes for target in asked])
-    places = min(decimals(point.mean) for front in fronts for point in front.points)
+    places = _places_of_runs(fronts)
     columns = ["at most", *(["asked"] if any(map(_wanted, asked)) else []), "test return"]
     columns += [f"seed {front.seed}" for front in fronts]
     rows = []
@@ -88,6 +86,23 @@ def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = N
         rows.append([*row, _reached(target, of, places), *(_of_run(point, places) for _, point in of.runs)])
     whole = "\n".join(f"- seed {front.seed}: {_whole(front)}" for front in fronts)
     return f"{_pipes(columns, rows)}\n\n{whole}\n"
+
+
+def markdown_of_tasks(tasks: Iterable[Sequence[Front]]) -> str:
+    """The same for many tasks in one table, the test returns of all runs in its last column."""
+    rows = []
+    for fronts in tasks:
+        asked = _asked(fronts)
+        found = summarise(fronts, [target.nodes for target in asked])
+        places = _places_of_runs(fronts)
+        for i, (target, of) in enumerate(zip(asked, found, strict=True)):
+            name = fronts[0].environment if i == 0 else ""
+            runs = " ".join(_of_run(point, places).split(" ")[0] for _, point in of.runs)
+            nodes = [point.nodes for _, point in of.runs if point is not None]
+            size = f"{min(nodes)} to {max(nodes)}" if len({*nodes}) > 1 else "".join(map(str, nodes[:1]))
+            reached = _reached(target, of, places)
+            rows.append([name, str(target.nodes), _wanted(target) or "—", reached, size or "—", runs])
+    return f"{_pipes(('task', 'at most', 'asked', 'test return', 'nodes', 'each run'), rows)}\n"
 
 
 def markdown_by_roads(groups: Sequence[Sequence[Front]]) -> str:
@@ -160,6 +175,16 @@ def _whole(front: Front) -> str:
         f"commit {front.commit[:10]}" if front.commit else "",
     ]
     return "; ".join(filter(None, facts)) + "."
+
+
+def _asked(fronts: Sequence[Front]) -> list[Target]:
+    """The task's targets; where there are none, the sizes of all points."""
+    asked = targets(require_one_task(fronts))
+    return list(asked) or [Target(size, None) for size in sizes_of(fronts)]
+
+
+def _places_of_runs(fronts: Sequence[Front]) -> int:
+    return min(decimals(point.mean) for front in fronts for point in front.points)
 
 
 def _wanted(target: Target) -> str:
