@@ -24,6 +24,9 @@ from .site import Site, chained
 
 POLISHING = 0.4
 """Of a share of steps."""
+PARTS = (0.4, 0.4, 0.2)
+"""Of the polishing, for the limit, for half of it and for a quarter: the smaller a tree, the more it has to gain, until
+it asks too little."""
 STARTS = 2
 """Trees that are polished side by side at first."""
 FIRST, LAST = 32, 128
@@ -71,12 +74,12 @@ def stages(max_nodes: int) -> list[Stage]:
     """The limit, half of it, and half of that, as long as there is a question to polish."""
     sizes = [size for size in (max_nodes, (max_nodes - 1) // 2, (max_nodes - 3) // 4) if size >= 3]
     sizes = [size - 1 + size % 2 for size in sizes]
-    made, rest = [], 1.0
-    for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True)):
-        of_rest = 1.0 if end == 1 else 0.5
-        made.append(Stage(size, end, rest * of_rest, of_rest, FAR + i * APART))
-        rest -= rest * of_rest
-    return made
+    parts = np.array(PARTS[: len(sizes)]) / sum(PARTS[: len(sizes)])
+    rest = np.cumsum(parts[::-1])[::-1]
+    return [
+        Stage(size, end, float(part), float(part / left), FAR + i * APART)
+        for i, (size, end, part, left) in enumerate(zip(sizes, [*sizes, 1][1:], parts, rest, strict=True))
+    ]
 
 
 def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Found]:
