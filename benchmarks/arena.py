@@ -3,7 +3,8 @@
     python -m benchmarks.arena [--trees N] [--episodes N] [--repeats N]
 
 Many complete trees of 15 and of 63 nodes, drawn at random, each on the same episodes (`sympol.refine.arena`); of the
-environments written in JAX in a compiled program, of LunarLander through envpool. Alone means the same program with
+environments written in JAX in a compiled program, of MiniGrid's small worlds also from tables, of LunarLander through
+envpool. Alone means the same program with
 trees of one leaf, which compare nothing; envpool alone is one pool of 64 copies that take the same action, reset by
 themselves. In turns, the best of all repeats of each, by the clock and by the processor's time: on a shared machine
 the second says more. Writes results/arena.json.
@@ -23,7 +24,9 @@ from rich.table import Table
 from sympol.envs.pool import make_pool
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.refine.arena import make_arena
+from sympol.refine.arena import Arena, make_arena
+from sympol.refine.compiled import CompiledArena
+from sympol.refine.tabular import TableArena
 from sympol.trees import DecisionTree
 
 from .timing import write
@@ -34,6 +37,8 @@ ENVIRONMENTS = (
     "Pendulum-v1",
     "MountainCarContinuous-v0",
     "MiniGrid-DoorKey-5x5-v0",
+    "MiniGrid-LavaGapS7-v0",
+    "sympol/DistShift-Random-v0",
     "LunarLander-v3",
 )
 DEPTHS = {"one leaf": 0, "15 nodes": 3, "63 nodes": 5}
@@ -69,9 +74,8 @@ def complete(spec: EnvSpec, depth: int, rng: np.random.Generator, seen: np.ndarr
     )
 
 
-def playing(spec: EnvSpec, trees: list[DecisionTree], episodes: range) -> Callable[[], int]:
+def playing(arena: Arena, trees: list[DecisionTree], episodes: range) -> Callable[[], int]:
     """Play them all; how many steps that were."""
-    arena = make_arena(spec, 0)
     return lambda: int(arena.play(trees, episodes).lengths.sum(dtype=np.int64))
 
 
@@ -106,8 +110,12 @@ def measured(name: str, given: argparse.Namespace) -> dict[str, Rate]:
     spec = resolve(name)
     num = given.trees if spec.env is not None else given.trees // 8
     episodes = range(given.episodes)
+    arenas = {"": make_arena(spec, 0)}
+    if isinstance(arenas[""], TableArena):
+        arenas = {"": CompiledArena(spec, 0), ", looked up": arenas[""]}
     calls = {
-        size: playing(spec, random_trees(spec, depth, num), episodes)
+        size + how: playing(arena, random_trees(spec, depth, num), episodes)
+        for how, arena in arenas.items()
         for size, depth in DEPTHS.items()
         if spec.env is not None or depth
     }
