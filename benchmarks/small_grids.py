@@ -6,66 +6,80 @@ The trees are those that `sympol pareto` found and `results/fronts` keeps: of ea
 as were asked for. Followed through the world's graph, from each start with its probability: the share of the greatest
 return that a policy with memory and sight of everything could have, and whether it comes to the goal at all. Beside it
 what a policy can reach at most that sees what the tree sees and remembers nothing (`benchmarks.memoryless`). Writes
-results/small_grids.json.
+results/small_grids.json, and prints what docs/pareto.md shows of it.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
+from statistics import mean
 from typing import Any
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table
 from tests.envs.minigrid_worlds import all_starts
 
 from sympol.envs.minigrid import TASKS, make
+from sympol.pareto.front import Front
 from sympol.pareto.gallery import load_all
 from sympol.pareto.references import targets
 
 from .minigrid import returns_from_all_starts
 from .timing import ROOT, write
 
+COLUMNS = ("task", "at most", "share of the optimum", "every run", "without memory", "starts solved", "nodes")
+
+
+def measured(fronts: Sequence[Front], at_most: int, bound: float | None) -> dict[str, Any]:
+    """Of one task: the best tree of at most so many nodes of each run."""
+    env = make(fronts[0].environment)
+    _, probability = all_starts(env)
+    runs: list[dict[str, Any]] = []
+    for front in fronts:
+        point = front.best(at_most)
+        assert point is not None
+        earned, best = returns_from_all_starts(point.tree, env)
+        runs.append(
+            {
+                "seed": front.seed,
+                "nodes": point.nodes,
+                "share": float((earned / best) @ probability),
+                "solved": int((earned > 0).sum()),
+            }
+        )
+    return {"at_most": at_most, "starts": len(probability), "without_memory_at_most": bound, "runs": runs}
+
+
+def markdown(tasks: Mapping[str, Mapping[str, Any]]) -> str:
+    """A line for each task."""
+    lines = [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|"]
+    for name, row in tasks.items():
+        runs, bound = row["runs"], row["without_memory_at_most"]
+        cells = (
+            name.removeprefix("MiniGrid-").removeprefix("sympol/").removesuffix("-v0"),
+            str(row["at_most"]),
+            f"{mean(run['share'] for run in runs):.2%}",
+            " ".join(f"{100 * run['share']:.2f}" for run in runs),
+            "–" if bound is None else f"{bound:.2%}",
+            " ".join(f"{run['solved']}" for run in runs) + f" of {row['starts']}",
+            " ".join(str(run["nodes"]) for run in runs),
+        )
+        lines.append(f"| {' | '.join(cells)} |".replace("%", " %"))
+    return "\n".join(lines) + "\n"
+
 
 def main() -> None:
     """Follow, print, write."""
     bounds = json.loads((ROOT / "results" / "memoryless.json").read_text(encoding="utf-8"))["tasks"]
-    columns = ("nodes", "share of the optimum", "every run", "without memory at most", "starts solved")
-    table, results = Table("task", *columns), {}
-    for fronts in load_all(ROOT):
-        name = fronts[0].environment
-        if name not in TASKS:
-            continue
-        env = make(name)
-        _, probability = all_starts(env)
-        for target in targets(name):
-            runs: list[dict[str, Any]] = []
-            for front in fronts:
-                point = front.best(target.nodes)
-                assert point is not None
-                earned, best = returns_from_all_starts(point.tree, env)
-                share = earned / best
-                runs.append(
-                    {
-                        "seed": front.seed,
-                        "nodes": point.nodes,
-                        "share": float(share @ probability),
-                        "least_share": float(share.min()),
-                        "solved": int((share > 0).sum()),
-                        "starts": len(share),
-                    }
-                )
-            results[name] = {"at_most": target.nodes, "runs": runs}
-            table.add_row(
-                name,
-                str(target.nodes),
-                f"{np.mean([run['share'] for run in runs]):.2%}",
-                " ".join(f"{run['share']:.2%} ({run['nodes']})" for run in runs),
-                f"{bounds[name]['share_bound']:.2%}" if name in bounds else "–",
-                " ".join(f"{run['solved']}/{run['starts']}" for run in runs),
-            )
-    Console(width=180).print(table)
-    print(write("small_grids", {"tasks": results}))
+    tasks = {
+        fronts[0].environment: measured(
+            fronts, target.nodes, bounds.get(fronts[0].environment, {}).get("share_bound")
+        )
+        for fronts in load_all(ROOT)
+        if fronts[0].environment in TASKS
+        for target in targets(fronts[0].environment)
+    }
+    print(markdown(tasks))
+    print(write("small_grids", {"tasks": tasks}))
 
 
 if __name__ == "__main__":
