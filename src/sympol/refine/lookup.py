@@ -1,16 +1,16 @@
 """The best policy of a small world that sees what a tree sees and remembers nothing: an action for each observation.
 
 All of the world is known (`tabular`), so a policy is followed from every start in a moment. The search begins with what
-the shortest ways do in states that look alike, then changes the action of one observation, whichever gains most, until
-none gains anything; from there some actions at random, and again. What is earned from all other states counts a little,
-too: where no start leads to the goal yet, it says which way it lies. (Iterated local search; nothing proves that what
-it ends with is the best, except where every start is solved in as few steps as there can be.)
+the shortest ways do in states that look alike, then changes the action of one observation at a time, of some changes
+the best, until none gains anything; from there some actions at random, and again. What is earned from all other states
+counts a little, too: where no start leads to the goal yet, it says which way it lies. (Iterated local search; nothing
+proves that what it ends with is the best, except where every start is solved in as few steps as there can be.)
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,8 @@ ANYWHERE = 256
 LITTLE = 1e-3
 PATIENCE = 30
 """Changes at random in a row without a gain, after which the search begins anew."""
+BLOCK = 64
+"""Changes that are tried together."""
 GAIN = 1e-9
 """Below that, a difference is rounding."""
 
@@ -50,7 +52,7 @@ def best_lookup(arena: TableArena, *, budget: Budget, seed: int = 0) -> Lookup:
     search = _Search(arena.world, arena.starts(range(EPISODES)), np.random.default_rng(seed))
     began = time.perf_counter()
     best, mean = search.begin(), -np.inf
-    for act in search.optima():
+    for act in search.policies():
         earned = search.earned(act)
         if earned > mean + GAIN:
             best, mean = act, earned
@@ -102,21 +104,19 @@ class _Search:
         np.add.at(votes, self.world.sees, weighed)
         return votes.argmax(axis=1)
 
-    def optima(self) -> Iterator[Int[np.ndarray, " observations"]]:
-        """Policies that no other action in one observation makes better, for ever."""
+    def policies(self) -> Iterator[Int[np.ndarray, " observations"]]:
+        """Policies on the way up, again and again, for ever."""
         while True:
-            best, score = self._climbed(self.begin())
-            yield best
-            fails = 0
+            top, top_score, fails = self.begin(), -np.inf, 0
+            act = top
             while fails < PATIENCE:
-                changed = best.copy()
-                some = self.rng.integers(self.shape[0], size=self.rng.integers(2, 6))
-                changed[some] = self.rng.integers(self.shape[1], size=len(some))
-                found, its = self._climbed(changed)
+                act, score = yield from self._climb(act)
                 fails += 1
-                if its > score + GAIN:
-                    best, score, fails = found, its, 0
-                yield best
+                if score > top_score + GAIN:
+                    top, top_score, fails = act, score, 0
+                act = top.copy()
+                some = self.rng.integers(self.shape[0], size=self.rng.integers(2, 6))
+                act[some] = self.rng.integers(self.shape[1], size=len(some))
 
     def earned(self, act: Int[np.ndarray, " observations"]) -> float:
         """The mean return."""
@@ -127,20 +127,26 @@ class _Search:
         ways = (self.world.way(act, start) for start in self.starts.tolist())
         return np.isin(np.arange(self.shape[0]), self.world.sees[[state for way in ways for state in way]])
 
-    def _climbed(
+    def _climb(
         self, act: Int[np.ndarray, " observations"]
-    ) -> tuple[Int[np.ndarray, " observations"], float]:
-        score = self._scores(act[None])[0]
-        observation, other = np.divmod(np.arange(self.shape[0] * (self.shape[1] - 1)), self.shape[1] - 1)
-        while True:
-            changed = np.repeat(act[None], len(observation), axis=0)
-            changed[np.arange(len(changed)), observation] += 1 + other
+    ) -> Generator[Int[np.ndarray, " observations"], None, tuple[Int[np.ndarray, " observations"], float]]:
+        """Of some changes the best, of some others the best, until all were tried in vain; the end, and its score."""
+        changes = self.rng.permutation(self.shape[0] * (self.shape[1] - 1))
+        score, tried, at = self._scores(act[None])[0], 0, 0
+        while tried < len(changes):
+            observation, other = np.divmod(
+                np.take(changes, range(at, at + BLOCK), mode="wrap"), self.shape[1] - 1
+            )
+            changed = np.repeat(act[None], BLOCK, axis=0)
+            changed[np.arange(BLOCK), observation] += 1 + other
             changed %= self.shape[1]
             scores = self._scores(changed)
             best = int(scores.argmax())
-            if scores[best] <= score + GAIN:
-                return act, float(score)
-            act, score = changed[best], scores[best]
+            tried, at = tried + BLOCK, at + BLOCK
+            if scores[best] > score + GAIN:
+                act, score, tried = changed[best], scores[best], 0
+            yield act
+        return act, float(score)
 
     def _scores(self, acts: Int[np.ndarray, "policies observations"]) -> Float[np.ndarray, " policies"]:
         own = self._returns(acts, self.starts) @ self.weights
