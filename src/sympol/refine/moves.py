@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -130,6 +131,11 @@ class Moves:
             raise ValueError(f"{len(observations)} observations are all the same: there is nothing to ask")
         return Moves(actions, seen, tuple(observations.std(axis=0).tolist()))
 
+    @cached_property
+    def asked(self) -> list[int]:
+        """Features about which a question makes a difference."""
+        return [feature for feature, values in enumerate(self.seen) if len(values) > 1]
+
     def change(self, root: Plain, others: Sequence[Plain], rng: np.random.Generator) -> Plain:
         """One change or a few; ``others`` are trees to take subtrees from."""
         for _ in range(rng.geometric(0.6)):
@@ -150,7 +156,9 @@ class Moves:
         everywhere = paths(root)
         splits = [(path, node) for path, node in everywhere if isinstance(node, Split)]
         leaves = [(path, node) for path, node in everywhere if isinstance(node, Leaf)]
-        kind = _KINDS[rng.choice(len(_KINDS), p=_CHANCES)]
+        kind = _KINDS[
+            int(np.searchsorted(_CUMULATED, rng.random(), side="right"))
+        ]  # choice(p=…) takes longer
         if kind in _OF_SPLITS and splits:
             path, split = splits[rng.integers(len(splits))]
             return put(root, path, self._changed_split(split, kind, others, rng))
@@ -182,8 +190,7 @@ class Moves:
                 return other[int(rng.integers(len(other)))][1]
 
     def _question(self, left: Plain, right: Plain, rng: np.random.Generator) -> Split:
-        asked = [feature for feature, values in enumerate(self.seen) if len(values) > 1]
-        feature = int(rng.choice(asked))
+        feature = self.asked[int(rng.integers(len(self.asked)))]
         return Split(feature, self._gap(feature, int(rng.integers(len(self.seen[feature]) - 1))), left, right)
 
     def _gap(self, feature: int, i: int) -> float:
@@ -218,7 +225,7 @@ _OF_LEAVES = {"answer": 0.16, "grow": 0.1, "grow anywhere": 0.04}
 _OF_SPLITS = {"threshold": 0.4, "question": 0.1, "drop": 0.12, "swap": 0.02, "graft": 0.06}
 """Another threshold, another question, one side in place of both, sides swapped, a subtree of another tree."""
 _KINDS = (*_OF_LEAVES, *_OF_SPLITS)
-_CHANCES = np.array([*_OF_LEAVES.values(), *_OF_SPLITS.values()])
+_CUMULATED = np.cumsum([*_OF_LEAVES.values(), *_OF_SPLITS.values()][:-1])
 
 
 def _sure(n: int, choice: int) -> tuple[float, ...]:
