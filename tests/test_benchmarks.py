@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import minigrid, timing
+from benchmarks import minigrid, small_grids, timing
 
-from sympol.envs.minigrid import make, make_host
+from sympol.envs.minigrid import TASKS, make, make_host
 from sympol.envs.minigrid.reach import all_starts
+from sympol.pareto.gallery import load_all
+from sympol.pareto.references import targets
 from sympol.trees import DecisionTree, DiscreteActions
 
 from .envs.minigrid_worlds import World, load_world, worlds_of
@@ -52,6 +54,19 @@ def test_returns_from_all_starts_are_those_on_farama_s_package():
         theirs.append(total)
     np.testing.assert_allclose(earned, theirs, rtol=1e-12)
     assert (earned <= best).all()
+
+
+def test_the_small_grids_in_the_docs_are_those_measured_and_of_the_trees_that_are_kept():
+    measured = json.loads((timing.ROOT / "results" / "small_grids.json").read_text(encoding="utf-8"))["tasks"]
+    text = (timing.ROOT / "docs" / "pareto.md").read_text(encoding="utf-8")
+    shown = text.split("<!-- small grids: tests/test_benchmarks.py -->\n")[1].split("<!-- end small grids -->")[0]
+    assert shown.strip() == small_grids.markdown(measured).strip()
+    kept = {fronts[0].environment: fronts for fronts in load_all(timing.ROOT)}
+    assert {name for name in kept if name in TASKS} == set(measured)
+    name = "MiniGrid-LavaGapS7-v0"
+    [target] = targets(name)
+    again = small_grids.measured(kept[name], target.nodes, measured[name]["without_memory_at_most"])
+    assert again == measured[name]
 
 
 @pytest.mark.slow
