@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import coo_array, csr_array
-from tests.envs.minigrid_worlds import all_starts, steps_to_goal
+from tests.envs.minigrid_worlds import all_starts
 
 from sympol.envs.minigrid import make, reach
 
@@ -44,7 +44,7 @@ def measure(name: str) -> dict[str, Any]:
     starts, probability = all_starts(env)
     index = {key: i for i, key in enumerate(reach.keys(graph.states))}
     first = np.array([index[key] for key in reach.keys(starts)])
-    best = 1 - 0.9 * steps_to_goal(graph)[first] / env.max_episode_steps
+    best = 1 - 0.9 * reach.steps_to_goal(graph)[first] / env.max_episode_steps
     mass = np.bincount(first, probability / best, num_states)  # what starts there, weighed for a share
 
     # variables: flow through (state, action), what is given up at a state, and which action a look gets

@@ -19,11 +19,11 @@ import numpy as np
 from benchmarks.no_loss import disagreements
 from rich.console import Console
 from rich.table import Table
-from tests.envs.minigrid_worlds import optimal_returns, steps_to_goal
+from tests.envs.minigrid_worlds import optimal_returns
 
 import sympol
 from sympol.envs.minigrid import MiniGrid
-from sympol.envs.minigrid.reach import all_starts, explore, keys, observe_all
+from sympol.envs.minigrid.reach import all_starts, explore, keys, observe_all, steps_to_goal
 from sympol.envs.spec import EnvSpec
 from sympol.play import episode_seed, play
 from sympol.trees import DecisionTree

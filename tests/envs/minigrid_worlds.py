@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from sympol.envs.minigrid import MiniGrid, reach
 from sympol.envs.minigrid.cells import EMPTY, KINDS, PORTABLE, bits
 from sympol.envs.minigrid.core import IN_HAND, GridState
-from sympol.envs.minigrid.reach import Graph, explore, in_batches, keys
+from sympol.envs.minigrid.reach import Graph, explore, in_batches, keys, steps_to_goal
 from sympol.types import Step
-
-UNREACHABLE = np.iinfo(np.int32).max
 
 
 class World(NamedTuple):
@@ -52,17 +50,6 @@ def reachable(env: MiniGrid, start: GridState | None = None) -> Graph:
     graph = explore(env, start)
     assert graph is not None, "too many states"
     return graph
-
-
-def steps_to_goal(graph: Graph) -> NDArray[np.int32]:
-    """The least number of steps from each state, `UNREACHABLE` where the goal is."""
-    steps = np.full(len(graph.successor), UNREACHABLE, np.int64)
-    while True:
-        via = np.where(graph.successor >= 0, steps[graph.successor], UNREACHABLE)
-        nearer = np.minimum(np.where(graph.reaches_goal, 0, via).min(axis=1) + 1, UNREACHABLE)
-        if (nearer == steps).all():
-            return steps.astype(np.int32)
-        steps = nearer
 
 
 def optimal_returns(env: MiniGrid, hosts: Iterable[gymnasium.Env]) -> NDArray[np.float64]:

@@ -16,11 +16,11 @@ import pytest
 from sympol.envs.env import Env
 from sympol.envs.minigrid import TASKS, View, make, make_host, reach
 from sympol.envs.minigrid.cells import EMPTY, LAVA, UNSEEN, WALL
-from sympol.envs.minigrid.reach import observe_all
+from sympol.envs.minigrid.reach import UNREACHABLE, observe_all, steps_to_goal
 from sympol.envs.registry import MissingExtra, UnknownEnvironment, resolve
 from sympol.trees.groups import require_one_hot
 
-from .minigrid_worlds import UNREACHABLE, all_starts, optimal_returns, reachable, step_all, steps_to_goal
+from .minigrid_worlds import all_starts, optimal_returns, reachable, step_all
 
 DOOR_KEY = "MiniGrid-DoorKey-5x5-v0"
 SMALL = (

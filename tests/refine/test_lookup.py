@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.envs.minigrid.reach import all_starts, keys
+from sympol.envs.minigrid.reach import UNREACHABLE, all_starts, keys, steps_to_goal
 from sympol.refine.evolve import Budget
-from sympol.refine.lookup import best_lookup, steps_to_goal
+from sympol.refine.lookup import best_lookup
 from sympol.refine.tabular import TableArena, world_of
 from tests.envs import minigrid_worlds
 
@@ -32,18 +32,24 @@ def test_it_is_as_good_as_the_best_that_a_mixed_integer_program_finds(name):
     act[[number[row.tobytes()] for row in table.observations]] = table.actions
     starts, probability = minigrid_worlds.all_starts(spec.env)
     where = np.array([world.number[key] for key in keys(starts)])
-    best = world.rewards[minigrid_worlds.steps_to_goal(world.graph)[where]]
+    best = world.rewards[steps_to_goal(world.graph)[where]]
     share = (world.walk(act[None], where).returns[0] / best) @ probability
     assert share == pytest.approx(FOUND_BY_MILP[name]["share_found"], abs=1e-4)
     assert table.is_best == (FOUND_BY_MILP[name]["share_bound"] > 1 - 1e-6)
 
 
 def test_steps_to_the_goal_are_those_of_another_program():
+    """Breadth first, from the goal backwards."""
     spec = spec_of("MiniGrid-DoorKey-5x5-v0")
     world = world_of(spec.env)
     assert world is not None
-    theirs = minigrid_worlds.steps_to_goal(world.graph)
-    np.testing.assert_array_equal(steps_to_goal(world), np.minimum(theirs, len(world.rewards)))
+    theirs = np.full(len(world.sees), UNREACHABLE)
+    reached, steps = np.flatnonzero(world.graph.reaches_goal.any(axis=1)), 1
+    while len(reached):
+        theirs[reached], steps = steps, steps + 1
+        before = np.isin(world.graph.successor, reached).any(axis=1)
+        reached = np.flatnonzero(before & (theirs == UNREACHABLE))
+    np.testing.assert_array_equal(steps_to_goal(world.graph), theirs)
     assert len(set(theirs.tolist())) > 10
 
 

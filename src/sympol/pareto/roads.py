@@ -29,9 +29,11 @@ from .front import Spent
 from .looked_up import is_known, looked_up
 from .plan import Plan
 from .polished import polished
-from .site import EPISODES, Site, chained, trained
+from .site import Site, chained, trained
 from .taught import taught
 
+EPISODES = {"jax": 256, "envpool": 32, "host": 16}
+"""Episodes in which evolution compares, by what steps them."""
 LARGEST = 127
 """Nodes of the trees that evolution starts from, at most, however small those are that are asked for."""
 

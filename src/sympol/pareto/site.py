@@ -21,9 +21,6 @@ from .found import Found
 from .front import Spent
 from .plan import Plan
 
-EPISODES = {"jax": 256, "envpool": 32, "host": 16}
-"""Episodes in which trees are compared while they are searched, by what steps them."""
-
 
 @dataclass(frozen=True)
 class Site:

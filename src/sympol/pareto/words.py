@@ -74,7 +74,7 @@ def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = N
     Raises:
         FrontError: as `summarise` does.
     """
-    asked = _asked(fronts) if asked is None else list(asked)
+    asked = list(asked or ()) or _asked(fronts)
     found = summarise(fronts, [target.nodes for target in asked])
     places = _places_of_runs(fronts)
     columns = ["at most", *(["asked"] if any(map(_wanted, asked)) else []), "test return"]

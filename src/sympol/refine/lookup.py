@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
+from ..envs.minigrid.reach import steps_to_goal
 from .evolve import Budget
 from .tabular import TableArena, World
 
@@ -66,18 +67,6 @@ def best_lookup(arena: TableArena, *, budget: Budget, seed: int = 0) -> Lookup:
     return Lookup(arena.world.observations[seen], best[seen], mean, mean >= search.most - GAIN, search.steps)
 
 
-def steps_to_goal(world: World) -> Int[np.ndarray, " states"]:
-    """The least number of steps from each state; more than the time there is where the goal cannot be reached."""
-    successor, limit = world.graph.successor, len(world.rewards)
-    steps = np.full(len(successor), limit)
-    while True:
-        via = np.where(successor >= 0, steps[successor], limit)
-        nearer = np.minimum(np.where(world.graph.reaches_goal, 0, via).min(axis=1) + 1, limit)
-        if (nearer == steps).all():
-            return steps
-        steps = nearer
-
-
 class _Search:
     """Policies are integer arrays, an action for each observation of the world."""
 
@@ -88,8 +77,8 @@ class _Search:
         self.shape = len(world.observations), world.graph.successor.shape[1]
         states = np.arange(len(world.sees))
         self.anywhere = states if len(states) <= ANYWHERE else rng.choice(states, ANYWHERE, replace=False)
-        self.to_goal = steps_to_goal(world)
-        rewards = np.append(world.rewards, 0)
+        rewards = np.append(world.rewards, 0)  # the last for what takes longer than there is time
+        self.to_goal = np.minimum(steps_to_goal(world.graph), len(world.rewards))
         self.most = float(rewards[self.to_goal[self.starts]].astype(float) @ self.weights)
 
     def begin(self) -> Int[np.ndarray, " observations"]:

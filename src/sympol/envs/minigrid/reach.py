@@ -25,6 +25,9 @@ MAX_STATES = 50_000
 MAX_NUMBERS = 1 << 26
 """With more of them all observations take too much memory, of which this is 256 MiB."""
 
+UNREACHABLE = np.iinfo(np.int32).max
+"""Steps to what no way leads to."""
+
 Arrays = TypeVar("Arrays")
 
 
@@ -86,6 +89,17 @@ def explore(env: MiniGrid, start: GridState | None = None) -> Graph | None:
         frontier = at(after, goes_on[first[number >= num_known]])
     known = jax.tree.map(lambda *parts: np.concatenate(parts), *states)
     return Graph(known, np.concatenate(successors), np.concatenate(goals))
+
+
+def steps_to_goal(graph: Graph) -> Int32[np.ndarray, " states"]:
+    """The least number of steps from each state, `UNREACHABLE` where the goal is out of reach."""
+    steps = np.full(len(graph.successor), UNREACHABLE, np.int64)
+    while True:
+        via = np.where(graph.successor >= 0, steps[graph.successor], UNREACHABLE)
+        nearer = np.minimum(np.where(graph.reaches_goal, 0, via).min(axis=1) + 1, UNREACHABLE)
+        if (nearer == steps).all():
+            return steps.astype(np.int32)
+        steps = nearer
 
 
 def observe_all(env: MiniGrid, states: GridState) -> Float32[np.ndarray, "states features"]:
