@@ -23,9 +23,10 @@ from tests.envs.minigrid_worlds import optimal_returns
 
 import sympol
 from sympol.envs.minigrid import MiniGrid
-from sympol.envs.minigrid.reach import all_starts, explore, keys, observe_all, steps_to_goal
+from sympol.envs.minigrid.reach import all_starts, keys, steps_to_goal
 from sympol.envs.spec import EnvSpec
 from sympol.play import episode_seed, play
+from sympol.refine.tabular import world_of
 from sympol.trees import DecisionTree
 
 from .timing import write_environments
@@ -53,21 +54,13 @@ def best_returns(spec: EnvSpec, num_episodes: int) -> np.ndarray:
 
 def returns_from_all_starts(tree: DecisionTree, env: MiniGrid) -> tuple[np.ndarray, np.ndarray]:
     """What the tree earns from each start, following the graph, and the most that can be earned there."""
-    graph, starts = explore(env), all_starts(env)
-    assert graph is not None
+    world, starts = world_of(env), all_starts(env)
+    assert world is not None
     assert starts is not None
-    index = {key: state for state, key in enumerate(keys(graph.states))}
-    state = np.array([index[key] for key in keys(starts)])
-    limit = env.max_episode_steps
-    best = 1 - 0.9 * (steps_to_goal(graph)[state] / limit)
-    action = tree.predict(observe_all(env, graph.states))
-    successor = graph.successor[np.arange(len(action)), action]
-    reaches_goal = graph.reaches_goal[np.arange(len(action)), action]
-    earned = np.zeros(len(state))
-    for step in range(1, limit + 1):
-        goes_on = np.flatnonzero(state >= 0)
-        earned[goes_on[reaches_goal[state[goes_on]]]] = 1 - 0.9 * (step / limit)
-        state[goes_on] = successor[state[goes_on]]
+    state, limit = np.array([world.number[key] for key in keys(starts)]), env.max_episode_steps
+    best = 1 - 0.9 * (steps_to_goal(world.graph)[state] / limit)
+    returns, lengths = world.walk(tree.predict(world.observations)[None], state)
+    earned = np.where(returns[0] > 0, 1 - 0.9 * (lengths[0] / limit), 0.0)  # not rounded
     return earned, best
 
 
