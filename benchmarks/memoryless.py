@@ -24,6 +24,7 @@ from scipy.sparse import coo_array, csr_array
 from tests.envs.minigrid_worlds import all_starts
 
 from sympol.envs.minigrid import make, reach
+from sympol.refine.tabular import world_of
 
 from .minigrid import PAPER
 from .timing import write
@@ -35,15 +36,13 @@ TIME_LIMIT = 300.0
 def measure(name: str) -> dict[str, Any]:
     """Bound the mean share of the optimum, over all starts by their probability."""
     env = make(name)
-    graph = reach.explore(env)
-    assert graph is not None
+    world = world_of(env)
+    assert world is not None
+    graph, observations, look = world.graph, world.observations, world.sees
     num_states, num_actions = graph.successor.shape
-    observations, look = np.unique(reach.observe_all(env, graph.states), axis=0, return_inverse=True)
-    look = look.ravel()
 
     starts, probability = all_starts(env)
-    index = {key: i for i, key in enumerate(reach.keys(graph.states))}
-    first = np.array([index[key] for key in reach.keys(starts)])
+    first = np.array([world.number[key] for key in reach.keys(starts)])
     best = 1 - 0.9 * reach.steps_to_goal(graph)[first] / env.max_episode_steps
     mass = np.bincount(first, probability / best, num_states)  # what starts there, weighed for a share
 
