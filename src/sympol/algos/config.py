@@ -187,8 +187,12 @@ class Config:
     log_std_init: float = 0.0
     """Initial log standard deviation (continuous actions)."""
 
+    threshold_init: Literal["normal", "visited"] = "normal"
+    """Where splits lie at first: at random thresholds, or each between two random observations of those that come by
+    it, so that no leaf is empty. For the latter the first chunk is spent."""
+
     threshold_std_init: float = 0.3
-    """Initial standard deviation of the thresholds, in scaled units. Splits that lie beyond what is visited at first
+    """Initial standard deviation of normal thresholds, in scaled units. Splits that lie beyond what is visited at first
     decide nothing and hardly learn."""
 
     reward_scale: float = 1.0

@@ -55,6 +55,7 @@ CHOICES = {
     "policy": ("tree", "mlp", "sdt"),
     "surrogate": ("sigmoid", "softsign"),
     "critic": ("mlp", "tree", "sdt"),
+    "threshold_init": ("normal", "visited"),
 }
 
 LIMITS = ("max_nodes", "node_price")
@@ -66,6 +67,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(
         (
             "surrogate",
+            "threshold_init",
             "threshold_std_init",
             "learning_rate_feature_logits",
             "learning_rate_thresholds",

@@ -26,7 +26,7 @@ from .collect import collect, empty_rollout, reset_envs
 from .config import Config, Hyperparameters
 from .held import warming_up
 from .init import init_state, normalizer_of, purpose_key, refit_normalizer
-from .settle import settle
+from .settle import settle, spread
 from .sharding import divide_envs
 from .start import plant
 from .state import Normalizer, TrainState, Warm, tree_where
@@ -111,9 +111,12 @@ def improve(
     def warm_up(state: TrainState) -> TrainState:
         if state.warm is not None:
             return settle(scaling, state, rollout, key)
+        if spreads:
+            return spread(scaling, state, rollout, key)
         return state._replace(normalizer=refit_normalizer(state.normalizer, rollout, scaling[1]))
 
-    goes_without = scaling[1].all() and state.warm is None
+    spreads = config.threshold_init == "visited"
+    goes_without = scaling[1].all() and state.warm is None and not spreads
     state = update(state) if goes_without else jax.lax.cond(state.iteration == 0, warm_up, update, state)
     return state._replace(timestep=state.timestep + (config.chunk_size << k), iteration=state.iteration + 1)
 

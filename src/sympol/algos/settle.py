@@ -1,5 +1,7 @@
 """The first chunk of a training that starts from a tree: features get a scale, and splits that only fill up a place.
 
+(That of a training that starts at random is `spread`, if its splits are to begin where its observations are.)
+
 Until then the tree acts on raw observations. A scale must not move an observation across a threshold of the tree, be it
 the float beside it. So scales are powers of two here, which round nothing, and shifts are multiples of them; and where
 a threshold and the float above it would still become one (a shift rounds, and small numbers underflow), the feature
@@ -44,6 +46,30 @@ def settle(
     x = normalizer(rollout.observation[0].reshape(-1, actor.thresholds.shape[1]))
     threshold = normalize_at(normalizer, feature, threshold)
     thresholds = thresholds_among(x, feature, threshold, state.warm.kept, key)
+    return _with_thresholds(state, normalizer, thresholds)
+
+
+def spread(
+    scaling: tuple[Normalizer, np.ndarray], state: TrainState, rollout: Transition, key: PRNGKeyArray
+) -> TrainState:
+    """Scale the features by the first chunk, and put all thresholds where its observations are.
+
+    ``scaling`` is what `normalizer_of` gives, by which the rollout is scaled. Nodes keep the features they look at.
+    """
+    actor: Any = state.networks.actor
+    assert isinstance(actor, Tree)
+    normalizer = refit_normalizer(state.normalizer, rollout, scaling[1])
+    x = rollout.observation[0].reshape(-1, actor.thresholds.shape[1])
+    x = jnp.where(scaling[1], x, normalizer(x))
+    feature, threshold = select(actor.feature_logits, actor.thresholds)
+    kept = jnp.zeros(feature.shape, bool)
+    return _with_thresholds(state, normalizer, thresholds_among(x, feature, threshold, kept, key))
+
+
+def _with_thresholds(
+    state: TrainState, normalizer: Normalizer, thresholds: Float[Array, "nodes features"]
+) -> TrainState:
+    actor: Any = state.networks.actor
     settled = Tree(
         actor.feature_logits,
         thresholds,
