@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from sympol.refine.evolve import Budget
-from sympol.refine.polish import JUDGED, TOLD, WATCHED, Numbers, polish
+from sympol.refine.polish import (
+    JUDGED,
+    LISTENED,
+    MOST,
+    TOLD,
+    WATCHED,
+    Enough,
+    Numbers,
+    agreement,
+    polish,
+)
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 from sympol.trees.groups import Group
 
@@ -72,15 +82,44 @@ def test_a_generation_shares_its_episodes_and_no_two_generations_do():
     arena, told = Bandit(AIMED), []
     polish([ASTRAY], arena, budget=Budget(steps=300_000), episodes=8, first_episode=100, progress=told.append)
     *generations, last = [episodes for _, episodes in arena.calls]
+    numbers = [len(episodes) for episodes in generations]
     assert generations[0].start == 100 + WATCHED
-    assert all(len(episodes) == 8 for episodes in generations)
+    assert numbers[:LISTENED] == [8] * LISTENED
     for one, next_one in zip(generations, [*generations[1:], last], strict=True):
         assert next_one.start == one.stop
-    assert len(last) == JUDGED * 8
+    assert len(last) == JUDGED * numbers[-1]
     assert len(told) == len(generations) // TOLD
     assert told[0].steps == WATCHED * LENGTH + sum(number * 8 * LENGTH for number, _ in arena.calls[:TOLD])
-    generation = arena.calls[0][0] * 8 * LENGTH
-    assert 300_000 <= arena.steps - 2 * JUDGED * 8 * LENGTH < 300_000 + generation
+    generation = arena.calls[0][0] * numbers[-1] * LENGTH
+    assert 300_000 <= arena.steps - 2 * len(last) * LENGTH < 300_000 + generation
+
+
+def test_halves_agree_as_far_as_trees_differ_by_more_than_their_luck():
+    rng = np.random.default_rng(0)
+    skill, luck = rng.normal(size=(2000, 1)), rng.normal(size=(2000, 32))
+    assert agreement(skill + luck) == pytest.approx(
+        1 / (1 + 1 / 16), abs=0.02
+    )  # each half has a variance of 1/16
+    assert agreement(luck) == pytest.approx(0, abs=0.05)
+    assert agreement(np.full((14, 8), 500.0)) == 1.0
+
+
+def test_where_halves_hardly_agree_there_are_more_episodes_and_where_they_do_fewer():
+    rng = np.random.default_rng(0)
+    enough = Enough(8)
+    numbers = []
+    for difference in (0.0, 0.0, 0.0, 0.0, 0.0, 10.0, 10.0):
+        for _ in range(LISTENED):
+            assert not numbers or enough.episodes == numbers[-1]
+            rows = difference * rng.normal(size=(20, 1)) + rng.normal(size=(20, enough.episodes))
+            enough.hear([rows, rows])
+        numbers.append(enough.episodes)
+    assert numbers == [16, 32, 64, 128, 8 * MOST, 64, 32]
+
+
+def test_episodes_too_few_to_halve_are_refused():
+    with pytest.raises(ValueError, match="at least 2 episodes, got 1"):
+        polish([OFF], Bandit(TRUTH), budget=Budget(steps=1000), episodes=1)
 
 
 def test_a_step_of_one_is_the_spread_of_what_is_asked_about_or_half_a_range():

@@ -57,6 +57,11 @@ class Spent:
         if self.seconds < 0:
             raise FrontError(f"seconds must not be negative, got {self.seconds}")
 
+    @property
+    def steps(self) -> int:
+        """Environment steps, a teacher's among them."""
+        return self.env_steps + self.teacher_steps
+
     def __add__(self, other: Spent) -> Spent:
         """Both together."""
         return Spent(*(getattr(self, part.name) + getattr(other, part.name) for part in fields(self)))

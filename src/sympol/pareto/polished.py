@@ -1,8 +1,9 @@
 """In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
 
-A tree is pruned by return to the limit, and its numbers are polished (`sympol.refine.polish`); then the same with half
-the limit, and with a quarter, from the tree before. Each size leaves what it found in a folder of its own: what is done
-is not done again, and a polish goes on.
+A tree is pruned by return to the limit, and its numbers are polished (`sympol.refine.polish`); then the same with four
+fifths of the nodes, from the tree before, and so on down to a quarter of the limit: what little pruning loses at once,
+polishing wins back. Each size leaves what it found in a folder of its own: what is done is not done again, and a polish
+goes on.
 """
 
 from __future__ import annotations
@@ -22,11 +23,10 @@ from .found import Found, keep, kept
 from .front import Spent
 from .site import Site, chained
 
-POLISHING = 0.4
-"""Of a share of steps."""
-PARTS = (0.4, 0.4, 0.2)
-"""Of the polishing, for the limit, for half of it and for a quarter: the smaller a tree, the more it has to gain, until
-it asks too little."""
+STEPS = 3
+"""In which a tree loses half of its nodes."""
+FIRST_PART = 2
+"""How long the largest trees are polished, in the time that each smaller size has."""
 STARTS = 2
 """Trees that are polished side by side at first."""
 FIRST, LAST = 32, 128
@@ -35,7 +35,7 @@ FAR = 1 << 30
 """Polishing plays episodes from here on."""
 EPISODES = {"jax": 64, "envpool": 32, "host": 16}
 """Of a generation of polishing and of an iteration of distillation, by what steps them."""
-APART = 1 << 27
+APART = 1 << 26
 """Episodes of one size."""
 
 
@@ -64,21 +64,19 @@ class Stage:
     next_nodes: int
     """To which the tree is pruned afterwards."""
     part: float
-    """Of the steps for polishing."""
-    part_of_rest: float
-    """Of the seconds that are left."""
+    """Of the steps and seconds that are left."""
     first_episode: int
 
 
 def stages(max_nodes: int) -> list[Stage]:
-    """The limit, half of it, and half of that, as long as there is a question to polish."""
-    sizes = [size for size in (max_nodes, (max_nodes - 1) // 2, (max_nodes - 3) // 4) if size >= 3]
-    sizes = [size - 1 + size % 2 for size in sizes]
-    parts = np.array(PARTS[: len(sizes)]) / sum(PARTS[: len(sizes)])
-    rest = np.cumsum(parts[::-1])[::-1]
+    """The limit, and ever smaller sizes down to a quarter of it, as long as there is a question to polish."""
+    ratios = 2.0 ** (-np.arange(2 * STEPS + 1) / STEPS)
+    leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
+    sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1]
+    parts = [FIRST_PART, *[1] * len(sizes)][: len(sizes)]
     return [
-        Stage(size, end, float(part), float(part / left), FAR + i * APART)
-        for i, (size, end, part, left) in enumerate(zip(sizes, [*sizes, 1][1:], parts, rest, strict=True))
+        Stage(size, end, parts[i] / sum(parts[i:]), FAR + i * APART)
+        for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True))
     ]
 
 
@@ -106,9 +104,8 @@ def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Fou
         starts,
         arena,
         budget=Budget(
-            site.share.steps * POLISHING * stage.part - (so_far.env_steps - road_so_far.env_steps),
-            (site.share.seconds - road_so_far.seconds) * stage.part_of_rest
-            - (so_far.seconds - road_so_far.seconds),
+            (site.share.steps - road_so_far.steps) * stage.part - (so_far.steps - road_so_far.steps),
+            (site.share.seconds - road_so_far.seconds) * stage.part - (so_far.seconds - road_so_far.seconds),
         ),
         episodes=EPISODES[site.spec.backend],
         first_episode=stage.first_episode,

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from .front import Spent
 from .looked_up import is_known, looked_up
 from .plan import Plan
 from .polished import polished
-from .site import Site, chained, trained
+from .site import TRAINING, Site, chained, part, trained
 from .taught import taught
 
 EPISODES = {"jax": 256, "envpool": 32, "host": 16}
@@ -38,9 +39,10 @@ LARGEST = 127
 """Nodes of the trees that evolution starts from, at most, however small those are that are asked for."""
 
 
-def tasks(plan: Plan, folder: Path, road: str, share: Budget) -> list[Task]:
-    """What a road is made of. ``share`` is its part of the budget."""
+def tasks(plan: Plan, folder: Path, road: str, share: Budget, workers: int = 1) -> list[Task]:
+    """What a road is made of. ``share`` is its part of the budget, ``workers`` how many go it side by side."""
     number = {"scratch": plan.trainings, "teacher": plan.teachers, "evolve": plan.islands}[road]
+    turns = math.ceil(number / workers)
     return [
         Task(
             f"{road} {i + 1} of {number}" if number > 1 else road,
@@ -50,7 +52,7 @@ def tasks(plan: Plan, folder: Path, road: str, share: Budget) -> list[Task]:
                 "folder": str(folder),
                 "road": road,
                 "index": i,
-                "seconds": min(share.seconds, 1e9),
+                "seconds": min(share.seconds / turns, 1e9),
                 "steps": min(share.steps / number, 1e15),
             },
         )
@@ -78,7 +80,7 @@ def walk(plan: dict[str, Any], folder: str, road: str, index: int, seconds: floa
 
 def _scratch(site: Site) -> None:
     limit = 0 if site.index % 2 == 0 else site.plan.max_nodes
-    agent, spent = trained(site, "tree", site.folder / "run", site.share, max_nodes=limit)
+    agent, spent = trained(site, "tree", site.folder / "run", part(site.share, TRAINING), max_nodes=limit)
     found = chained(site, agent.tree(), "scratch", spent)
     keep(site.folder, found, finished=False)
     polished(site, found, "scratch")

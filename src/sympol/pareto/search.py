@@ -54,7 +54,7 @@ def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = 
 
 def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Front:
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
-    before = _seconds_before(plan, folder)
+    before = _seconds_before(plan, folder, workers)
     began = time.perf_counter() - sum(before.values())
 
     def now(doing: str) -> float:
@@ -64,7 +64,7 @@ def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Fron
         return elapsed
 
     for road in plan.roads:
-        todo = tasks(plan, folder, road, _share(plan, road, now(road) - before[road]))
+        todo = tasks(plan, folder, road, _share(plan, road, now(road) - before[road]), workers)
         run_tasks(todo, workers=workers, on_done=_warn, progress=False)
     found, spent = collected(plan, folder)
     if not found:
@@ -143,17 +143,20 @@ def _warn(task: Task, messages: list[str]) -> None:
         warnings.warn(f"{task.name}: {message}", stacklevel=2)
 
 
-def _seconds_before(plan: Plan, folder: Path) -> dict[str, float]:
-    """What each road had taken when the search was interrupted, its tasks side by side."""
+def _seconds_before(plan: Plan, folder: Path, workers: int) -> dict[str, float]:
+    """What each road had taken when the search was interrupted, so many of its tasks side by side."""
 
-    def seconds(task: Task, road: str) -> float:
-        return max(
-            (one.spent.seconds for one in kept(place(folder, road, task.arguments["index"]))[0]), default=0.0
-        )
+    def seconds(road: str) -> float:
+        took = [
+            max(
+                (one.spent.seconds for one in kept(place(folder, road, task.arguments["index"]))[0]),
+                default=0.0,
+            )
+            for task in tasks(plan, folder, road, Budget())
+        ]
+        return max(*took, sum(took) / workers)
 
-    return {
-        road: max(seconds(task, road) for task in tasks(plan, folder, road, Budget())) for road in plan.roads
-    }
+    return {road: seconds(road) for road in plan.roads}
 
 
 def _share(plan: Plan, road: str, elapsed: float) -> Budget:

@@ -21,6 +21,9 @@ from .found import Found
 from .front import Spent
 from .plan import Plan
 
+TRAINING = 0.5
+"""Of a share, at most, for the training that a road begins with."""
+
 
 @dataclass(frozen=True)
 class Site:

@@ -31,10 +31,8 @@ from ..trees import DecisionTree
 from .found import Found, keep, kept
 from .front import Spent
 from .polished import EPISODES, STARTS, best_of, polished
-from .site import Site, chained, part, trained
+from .site import TRAINING, Site, chained, part, trained
 
-TRAINING = 0.5
-"""Of the share, at most, for training a teacher."""
 DISTILLING = 0.7
 """Of the share of seconds, after which no further tree is distilled."""
 TIMES = (4, 4, 4, 2)

@@ -118,7 +118,7 @@ def markdown_by_roads(groups: Sequence[Sequence[Front]]) -> str:
     rows = []
     for runs in groups:
         reached = [_mean(of, places) for of in summarise(runs, sizes)]
-        steps = sum(front.spent.env_steps + front.spent.teacher_steps for front in runs) / len(runs)
+        steps = sum(front.spent.steps for front in runs) / len(runs)
         seconds = sum(front.spent.seconds for front in runs) / len(runs)
         roads = in_markdown(" + ".join(map(str, runs[0].roads)) or "all")
         rows.append([roads, str(len(runs)), *reached, _short(round(steps)), number(seconds, 0)])

@@ -5,6 +5,10 @@ and moves towards those that earned more, along directions that it learns. In a 
 in the next one others, so that what is climbed is the mean return and not the luck of some episodes. Which features are
 asked about, and what discrete leaves answer, stays as it is. The answers of continuous actions are numbers, too.
 
+The higher it has climbed, the less its trees differ in what they earn, and the more episodes it takes to see which are
+better. So one half of the episodes is asked whether it ranks the trees as the other does. Where the halves hardly
+agree, later generations play twice as many; where they agree well, half as many.
+
 Distances are counted in the spread of what the tree sees: a step of 1 is one standard deviation of the feature, or half
 the range of an action.
 """
@@ -30,8 +34,15 @@ STEP = 0.1
 """How far the first trees lie from the one that is given."""
 WATCHED = 16
 """Episodes that are observed, to know how widely features spread."""
-TOLD = 10
+TOLD = 4
 """Generations between two reports."""
+LISTENED = 8
+"""Generations by which the number of episodes is decided."""
+AGREED = (0.25, 0.6)
+"""Correlation of what trees earn in the two halves of the episodes: below the first there are more, above the second
+fewer."""
+MOST = 16
+"""Times as many episodes as at first, and no more."""
 QUARTERS = 4
 """Parts of a budget, after each of which half of what is polished goes on."""
 RECENT = 5
@@ -55,6 +66,7 @@ class Polished(NamedTuple):
 
 
 Progress: TypeAlias = Callable[[Polished], object]
+Returns: TypeAlias = Float[np.ndarray, "trees episodes"]
 
 
 def polish(
@@ -76,20 +88,22 @@ def polish(
         trees: of any sizes. The best keeps its size, but prune it afterwards: some of its splits may be idle then.
         arena: where they play.
         budget: how long to search: it ends with the generation that spends it, or where nothing is left to gain.
-        episodes: of a generation, the same ones for all of its trees.
+        episodes: of the first generations, the same ones for all trees of a generation.
         first_episode: episodes from this number on are played.
         seed: With a budget in steps the same seed gives the same tree, bit for bit.
         progress: called every few generations.
 
     Raises:
         ImportError: pycma is not installed.
-        ValueError: no trees, trees for other features or actions, or no episodes.
+        ValueError: no trees, trees for other features or actions, or fewer than two episodes.
     """
+    if episodes < 2:
+        raise ValueError(f"polishing needs at least 2 episodes, got {episodes}")
     began, before, start = time.perf_counter(), arena.steps, first_episode + WATCHED
     watched = range(first_episode, start)
     found = [Numbers.of(tree, arena.observe(tree, watched)) for tree in trees]
     climbs = [Climb(numbers, seed) for numbers in found if numbers.size]
-    generation = 0
+    generation, enough = 0, Enough(episodes)
 
     def spent() -> float:
         """The part of the budget."""
@@ -100,7 +114,8 @@ def polish(
         going_on = [climb for climb in climbs if not climb.is_over]
         if not going_on:
             break
-        _next_generation(going_on, arena, range(start, start := start + episodes))
+        returns = _next_generation(going_on, arena, range(start, start := start + enough.episodes))
+        enough.hear(returns)
         generation += 1
         if progress is not None and generation % TOLD == 0:
             best = max(climbs, key=lambda climb: climb.mean)
@@ -109,7 +124,7 @@ def polish(
     if not generation:
         return trees[0]
     known = [*trees, *(climb.middle for climb in _better(climbs, 1))]
-    judged = arena.play(known, range(start, start + JUDGED * episodes)).returns
+    judged = arena.play(known, range(start, start + JUDGED * enough.episodes)).returns
     return known[int(judged.mean(axis=1, dtype=np.float64).argmax())]
 
 
@@ -152,13 +167,42 @@ def _better(climbs: Sequence[Climb], number: int) -> list[Climb]:
     return [climb for climb in climbs if climb in best]
 
 
-def _next_generation(climbs: Sequence[Climb], arena: Arena, episodes: range) -> None:
-    """All play the same episodes."""
+def _next_generation(climbs: Sequence[Climb], arena: Arena, episodes: range) -> list[Returns]:
+    """All play the same episodes; the returns of each climb's trees."""
     drawn = [climb.drawn() for climb in climbs]
-    returns = arena.play([tree for trees in drawn for tree in trees], episodes).returns
-    ends = np.cumsum([len(trees) for trees in drawn])[:-1]
-    for climb, rows in zip(climbs, np.split(returns.mean(axis=1, dtype=np.float64), ends), strict=True):
-        climb.tell(rows)
+    played = arena.play([tree for trees in drawn for tree in trees], episodes).returns.astype(np.float64)
+    returns = np.split(played, np.cumsum([len(trees) for trees in drawn])[:-1])
+    for climb, rows in zip(climbs, returns, strict=True):
+        climb.tell(rows.mean(axis=1))
+    return returns
+
+
+class Enough:
+    """How many episodes a generation needs."""
+
+    def __init__(self, episodes: int) -> None:
+        self.episodes, self._least = episodes, episodes
+        self._heard: list[float] = []
+
+    def hear(self, returns: Sequence[Returns]) -> None:
+        """What the trees of each climb earned in the generation."""
+        self._heard += [agreement(rows) for rows in returns]
+        if len(self._heard) < LISTENED * len(returns):
+            return
+        agreed, (low, high) = float(np.mean(self._heard)), AGREED
+        self._heard.clear()
+        if agreed < low:
+            self.episodes = min(2 * self.episodes, MOST * self._least)
+        elif agreed > high:
+            self.episodes = max(self.episodes // 2, self._least)
+
+
+def agreement(returns: Returns) -> float:
+    """Correlation of what trees earn in one half of the episodes with the other; 1 where there is none to differ in."""
+    halves = np.stack([returns[:, ::2].mean(axis=1), returns[:, 1::2].mean(axis=1)])
+    if (halves.std(axis=1) == 0).any():
+        return 1.0
+    return float(np.corrcoef(halves)[0, 1])
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class Effort(NamedTuple):
 
 COMPILED = Effort(candidates=64, first=32, last=512, watched=64)
 """Where an arena plays millions of steps a second."""
-HOSTED = Effort(candidates=16, first=8, last=64, watched=32)
+HOSTED = Effort(candidates=24, first=16, last=64, watched=32)
 """Where the host steps the environment."""
 
 Progress: TypeAlias = Callable[[Shrunk], object]
