@@ -15,8 +15,8 @@ from sympol.trees.export.sql import column_names, quoted, to_sql
 from sympol.trees.floats import double_threshold
 
 from ..experiments.postgres import Server, server
+from .programs.running import STRANGE, trees
 from .samples import HOSTILE_NAMES
-from .test_programs import STRANGE, trees
 
 __all__ = ["server"]
 
