@@ -2,11 +2,11 @@
 PYTHON ?= python3
 ENV ?= CartPole-v1
 ARGS ?=
-# what the tests need beyond [dev]; with sb3, which is a gigabyte, those of its teachers run, too
-EXTRAS ?= envpool
+# beyond [dev]; with sb3, which is a gigabyte, the tests of its teachers run, too
+EXTRAS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint docs bench clean
+.PHONY: help install extras train test lint docs bench clean
 
 help:            ## what there is
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/'
@@ -16,14 +16,9 @@ help:            ## what there is
 	.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-# large, and needed for LunarLander alone
-.venv/.envpool: .venv/.installed
-	.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[envpool]'
-	@touch $@
-
 install: .venv/.installed  ## make .venv and install everything into it
 
-train: $(if $(filter LunarLander%,$(ENV)),.venv/.envpool,install)  ## train a tree: make train ENV=Pendulum-v1 ARGS='--seed 1'
+train: install   ## train a tree: make train ENV=Pendulum-v1 ARGS='--seed 1'
 	.venv/bin/sympol train $(ENV) $(ARGS)
 
 lint: install    ## ruff and pyright
@@ -34,11 +29,10 @@ lint: install    ## ruff and pyright
 docs: install    ## the documentation, into site/; a broken link is an error
 	.venv/bin/mkdocs build --strict --quiet
 
-.venv/.extras: .venv/.installed
-	.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]'
-	@touch $@
+extras: install
+	$(if $(EXTRAS),.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]')
 
-test: .venv/.extras lint docs  ## everything CI runs
+test: extras lint docs  ## everything CI runs
 	tests/install-tools.sh
 	.venv/bin/pytest -n 2 --dist loadfile
 

@@ -64,8 +64,8 @@ class Agent(abc.ABC):
         feature_names: Names for the features, where the environment's own should not do.
         action_names: Names for the actions, idem.
         groups: Features that are one-hot together, idem.
-        backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else through envpool where
-            that has it and is installed, else on Gymnasium; ``"jax"``, ``"envpool"`` and ``"host"`` insist.
+        backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else in our own machine code
+            where that has it and Numba is installed, else on Gymnasium; ``"jax"``, ``"native"`` and ``"host"`` insist.
         start: A tree to train on from, instead of a random one; or a `Start`, which says more. The depth is by default
             that of the preset or, where that is less, of the tree.
         freeze: Nodes of the tree to start from that stay as they are; or a condition, such as ``"pole angle > 0.1"``:

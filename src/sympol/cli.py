@@ -30,7 +30,7 @@ sympol: reinforcement learning whose policy is a decision tree you can read
 
 Each has --help. Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
 MountainCarContinuous-v0 and most of MiniGrid (MiniGrid-DoorKey-5x5-v0, ...) train inside one compiled
-program, LunarLander-v3 through envpool where that is installed.
+program, LunarLander-v3 in machine code.
 """
 
 

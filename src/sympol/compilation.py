@@ -1,4 +1,4 @@
-"""The compiled training program, kept on disk: the second run starts at once."""
+"""Compiled programs, kept on disk: the second run starts at once."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from pathlib import Path
 import jax
 
 
-def use_disk_cache() -> None:
-    """Keep compiled programs in ``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``, unless JAX has its own place.
-
-    An empty ``SYMPOL_CACHE_DIR`` keeps none.
-    """
-    if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
-        return
+def cache_folder() -> Path | None:
+    """``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``; None where that variable is empty, and nothing is kept."""
     folder = os.environ.get("SYMPOL_CACHE_DIR", str(Path.home() / ".cache" / "sympol"))
-    if folder:
-        jax.config.update("jax_compilation_cache_dir", folder)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+    return Path(folder) if folder else None
+
+
+def use_disk_cache() -> None:
+    """Keep JAX's programs in the `cache_folder`, unless JAX has its own place."""
+    folder = cache_folder()
+    if folder is None or jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)

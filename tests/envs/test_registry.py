@@ -60,7 +60,7 @@ def test_backends() -> None:
         resolve("FrozenLake-v1", backend="jax")
     with pytest.raises(ValueError, match="MultiDiscreteMatch is written in JAX and has no form in Gymnasium"):
         resolve(MultiDiscreteMatch(), backend="host")
-    with pytest.raises(ValueError, match="must be one of auto, jax, host, envpool, got 'gpu'"):
+    with pytest.raises(ValueError, match="must be one of auto, jax, native, host, got 'gpu'"):
         resolve("CartPole-v1", backend="gpu")  # type: ignore[arg-type]
 
 

@@ -211,7 +211,7 @@ def test_arguments_must_be_json():
     ],
 )
 def test_jax_is_told_of_one_thread_only_where_it_can_still_hear(first, variable, told):
-    code = f"{first}; from sympol.experiments.workers.threads import *; use_one_thread(); print(threads())"
+    code = f"{first}; from sympol.threads import *; use_one_thread(); print(threads())"
     environment = {name: value for name, value in os.environ.items() if name not in ("PJRT_NPROC", "NPROC")}
     done = subprocess.check_output([sys.executable, "-c", code], env={**environment, **variable}, text=True)
     assert done.strip() == told

@@ -14,7 +14,7 @@ import tomli_w
 
 from sympol.experiments.search_spaces import Range, Space
 from sympol.experiments.study import Search
-from sympol.experiments.workers.threads import threads
+from sympol.threads import threads
 
 from ..tiny import TINY
 

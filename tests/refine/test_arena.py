@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from sympol.envs.host import EnvironmentFailure
-from sympol.envs.pool import is_installed
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.play import WORDS, episode_seed, play
@@ -62,14 +61,14 @@ def host_case() -> tuple[Arena, list[DecisionTree]]:
     return make_arena(spec, SEED), [grown(spec, 2 + n, n) for n in range(12)]
 
 
-def pool_case() -> tuple[Arena, list[DecisionTree]]:
-    if not is_installed():
-        pytest.skip("envpool is not installed")
-    spec = resolve("LunarLander-v3", backend="envpool")
+def native_case() -> tuple[Arena, list[DecisionTree]]:
+    spec = resolve("LunarLander-v3", backend="native")
     return make_arena(spec, SEED), [grown(spec, 2 + n, n) for n in range(6)]
 
 
-EVERYWHERE = pytest.mark.parametrize("case", [compiled_case, host_case, pool_case], ids=lambda c: c.__name__)
+EVERYWHERE = pytest.mark.parametrize(
+    "case", [compiled_case, host_case, native_case], ids=lambda c: c.__name__
+)
 
 
 @EVERYWHERE

@@ -1,4 +1,4 @@
-"""The arena on the host: what Gymnasium's own loop and a pool of one bring."""
+"""The arena on the host: what Gymnasium's own loop brings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from sympol.envs.pool import is_installed
 from sympol.envs.registry import resolve
 from sympol.play import episode_seed, play
 from sympol.refine import hosted
@@ -71,30 +70,3 @@ def test_any_observations_and_actions_and_the_clock_of_the_arena(one_copy):
             assert played.returns[i, j] == np.float32(total)
             assert played.lengths[i, j] == len(seen)
             np.testing.assert_array_equal(arena.observe(tree, range(episode, episode + 1)), np.stack(seen))
-
-
-@pytest.mark.parametrize("name", ["LunarLander-v3", "LunarLanderContinuous-v3"])
-def test_in_a_pool_it_is_what_a_pool_of_one_brings(name):
-    if not is_installed():
-        pytest.skip("envpool is not installed")
-    spec = resolve(name, backend="envpool")
-    trees = [grown(spec, n, n) for n in (3, 20)]
-    played = make_arena(spec, SEED).play(trees, range(70, 73))
-    from sympol.envs.pool import make_pool
-    from sympol.trees.floats import flushed
-
-    for i, tree in enumerate(trees):
-        for j, episode in enumerate(range(70, 73)):
-            pool = make_pool(name, [episode_seed(SEED, episode, "refine") >> 2 << 1])
-            x, total, length, over = pool.reset()[0], 0.0, 0, False
-            while not over:
-                x, reward, terminated, truncated, _ = pool.step(
-                    tree.predict(flushed(x)).astype(np.int32 if "Cont" not in name else np.float32)
-                )
-                total, length, over = (
-                    total + float(reward[0]),
-                    length + 1,
-                    bool(terminated[0] or truncated[0]),
-                )
-            assert played.lengths[i, j] == length
-            assert played.returns[i, j] == np.float32(total)

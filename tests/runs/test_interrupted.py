@@ -37,7 +37,7 @@ def newest(run: Path) -> int:
 @pytest.fixture(
     scope="module",
     params=["CartPole-v1", "tests.runs.host_envs:HostCartPole-v0", "LunarLander-v3"],
-    ids=["jax", "host", "envpool"],
+    ids=["jax", "host", "native"],
 )
 def uninterrupted(request, tmp_path_factory) -> tuple[str, Path]:
     run = tmp_path_factory.mktemp("uninterrupted") / "run"

@@ -42,7 +42,7 @@ class Train:
     """What to make the environment with, such as view_size=5 or continuous=true."""
 
     backend: Backend = "auto"
-    """jax: inside the compiled program; envpool: through envpool; host: through Gymnasium; auto: the first of
+    """jax: inside the compiled program; native: our own machine code; host: through Gymnasium; auto: the first of
     these that there is."""
 
     start: Path | None = None

@@ -21,7 +21,7 @@ from ..experiments.seeds import TRAINING
 from ..experiments.summary import by_cell
 from ..experiments.tables import Table
 from ..experiments.workers import Failure
-from ..experiments.workers.threads import use_one_thread
+from ..threads import use_one_thread
 from .arguments import Bench
 from .parse import parse
 from .say import err, one_line_errors, out, print_error, warnings_in_one_line

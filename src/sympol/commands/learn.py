@@ -14,7 +14,7 @@ from importlib import import_module
 from .. import STARTED
 from ..agents import Agent, Report
 from ..algos.config import Config
-from ..envs import pool
+from ..envs import native
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..play import Episodes, play
@@ -96,9 +96,13 @@ def _limit(config: Config) -> str:
 
 
 def _through(spec: EnvSpec) -> str:
-    if spec.backend == "host" and spec.name in pool.TASKS and not (spec.env_kwargs or pool.is_installed()):
-        return "through Gymnasium (pip install 'sympol[envpool]' trains faster)"
-    return {"jax": "inside one compiled program", "envpool": "through envpool"}.get(
+    if (
+        spec.backend == "host"
+        and spec.name in native.TASKS
+        and not (spec.env_kwargs or native.is_installed())
+    ):
+        return "through Gymnasium (with Numba it trains faster: pip install 'sympol[box2d]')"
+    return {"jax": "inside one compiled program", "native": "in machine code"}.get(
         spec.backend, "through Gymnasium"
     )
 

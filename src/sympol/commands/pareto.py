@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import tyro
 
 from ..envs.registry import resolve
-from ..experiments.workers.threads import cores, use_one_thread
 from ..pareto.files import fields_of, point_fields
 from ..pareto.front import Front
 from ..pareto.live import Live
@@ -22,6 +21,7 @@ from ..pareto.plot import plot
 from ..pareto.search import PLAN, begin, search
 from ..pareto.words import next_steps, spent_words, table
 from ..runs.about import RunError, file_name
+from ..threads import cores, use_one_thread
 from .arguments import Text
 from .parse import env_kwargs, parse
 from .say import err, one_line_errors, out, print_steps, program, warnings_in_one_line

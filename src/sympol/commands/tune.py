@@ -24,9 +24,9 @@ from ..experiments.tune_report import (
     write_plots,
 )
 from ..experiments.workers import Failure
-from ..experiments.workers.threads import use_one_thread
 from ..runs.about import file_name
 from ..runs.progress import decimals
+from ..threads import use_one_thread
 from .arguments import Tune
 from .parse import env_kwargs, parse
 from .say import err, one_line_errors, out, print_error, warnings_in_one_line

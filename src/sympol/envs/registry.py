@@ -21,8 +21,8 @@ from .env import Env
 from .host import MissingExtra
 from .mountain_car import MountainCar, MountainCarContinuous
 from .names import known_names
+from .native import has_task
 from .pendulum import Pendulum
-from .pool import find_task
 from .spaces import Features, action_spec
 from .spec import Backend, EnvSpec, HostFactory, not_listed
 
@@ -111,9 +111,9 @@ def resolve(
     """Find an environment by id, object or factory, and describe it.
 
     ``env_kwargs`` are passed to what makes it, as `gymnasium.make` does. ``backend`` "jax" insists on the form
-    written in JAX, "host" on Gymnasium's, "envpool" on envpool's; "auto" takes JAX if it can, else envpool if it is
-    installed and has the environment. Names and groups default to the registered ones, the environment's own, or
-    ``x[0]`` and ``action 0``.
+    written in JAX, "native" on our own machine code, "host" on Gymnasium's; "auto" takes the first of these that there
+    is, machine code only where Numba is installed. Names and groups default to the registered ones, the environment's
+    own, or ``x[0]`` and ``action 0``.
 
     Raises:
         UnknownEnvironment: no environment has this id; the message offers near ones.
@@ -146,7 +146,7 @@ def resolve(
         )
     in_jax = jax_env is not None and backend in ("auto", "jax")
     as_it_is = isinstance(env, str) and not (entry.env or entry.host or kwargs)
-    task = None if in_jax or backend == "host" else find_task(name, as_it_is, insist=backend == "envpool")
+    is_native = not in_jax and backend != "host" and has_task(name, as_it_is, insist=backend == "native")
 
     known = known_names(example, name)
 
@@ -170,7 +170,7 @@ def resolve(
         max_episode_steps=_max_episode_steps(example),
         has_one_copy=has_one_copy,
         env_kwargs=kwargs or ({} if isinstance(env, str) else _made_with(example)),
-        pool_task=task,
+        is_native=is_native,
         all_observations=getattr(jax_env, "all_observations", not_listed),
     )
 

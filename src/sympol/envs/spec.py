@@ -13,11 +13,11 @@ from jaxtyping import Float32
 from ..trees.actions import ActionSpec
 from .env import Env
 from .host import HostEnvs
-from .pool import PoolEnvs
+from .native import NativeEnvs
 from .spaces import Features
 
 HostFactory: TypeAlias = Callable[..., gymnasium.Env]
-Backend: TypeAlias = Literal["auto", "jax", "host", "envpool"]
+Backend: TypeAlias = Literal["auto", "jax", "native", "host"]
 
 
 def not_listed() -> None:
@@ -29,8 +29,8 @@ class EnvSpec:
     """One environment, as `sympol.resolve` found it.
 
     ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
-    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. ``pool_task`` is its name in envpool, if
-    it is to be trained on there. ``env_kwargs`` is what it was made with, beside its name. ``all_observations``
+    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. ``is_native`` says that our own
+    machine code steps it. ``env_kwargs`` is what it was made with, beside its name. ``all_observations``
     lists all there can be; it returns None where nobody can.
     """
 
@@ -44,7 +44,7 @@ class EnvSpec:
     max_episode_steps: int | None
     has_one_copy: bool = False  # make_host returns the user's own object, each time
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    pool_task: str | None = None
+    is_native: bool = False
     all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
 
     @property
@@ -52,12 +52,12 @@ class EnvSpec:
         """What it is trained on."""
         if self.env is not None:
             return "jax"
-        return "host" if self.pool_task is None else "envpool"
+        return "native" if self.is_native else "host"
 
-    def host_envs(self, num_envs: int) -> HostEnvs | PoolEnvs:
+    def host_envs(self, num_envs: int) -> HostEnvs | NativeEnvs:
         """Make copies to step together on the host. Raises ValueError where that many cannot be made."""
-        if self.pool_task is not None:
-            return PoolEnvs(self.pool_task, num_envs)
+        if self.is_native:
+            return NativeEnvs(num_envs)
         if self.make_host is None:
             raise ValueError(f"{self.name} is written in JAX and has no form in Gymnasium")
         if self.has_one_copy and num_envs > 1:

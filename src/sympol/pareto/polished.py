@@ -33,7 +33,7 @@ FIRST, LAST = 32, 128
 """Episodes of a race: for all, and for the best few."""
 FAR = 1 << 30
 """Polishing plays episodes from here on."""
-EPISODES = {"jax": 64, "envpool": 32, "host": 16}
+EPISODES = {"jax": 64, "native": 32, "host": 16}
 """Of a generation of polishing and of an iteration of distillation, by what steps them."""
 APART = 1 << 26
 """Episodes of one size."""

@@ -33,7 +33,7 @@ from .polished import polished
 from .site import TRAINING, Site, chained, part, trained
 from .taught import taught
 
-EPISODES = {"jax": 256, "envpool": 32, "host": 16}
+EPISODES = {"jax": 256, "native": 32, "host": 16}
 """Episodes in which evolution compares, by what steps them."""
 LARGEST = 127
 """Nodes of the trees that evolution starts from, at most, however small those are that are asked for."""

@@ -108,7 +108,7 @@ class Arena(abc.ABC):
 
 def make_arena(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Arena:
     """An arena of tables where all of the environment is known, else inside a compiled program where it is written in
-    JAX, else on the host."""
+    JAX, else in machine code where we have it, else on the host."""
     if spec.env is not None:
         from .tabular import TableArena, world_of
 
@@ -117,6 +117,10 @@ def make_arena(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Arena:
         from .compiled import CompiledArena
 
         return CompiledArena(spec, seed, purpose)
+    if spec.is_native:
+        from .flown import FlownArena
+
+        return FlownArena(spec, seed, purpose)
     from .hosted import HostArena
 
     return HostArena(spec, seed, purpose)

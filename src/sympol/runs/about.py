@@ -14,7 +14,7 @@ import tomli_w
 
 from .. import __version__
 from ..algos.config import Config, ConfigError
-from ..envs import pool
+from ..envs import native
 from ..envs.spec import EnvSpec
 from ..trees import Group
 
@@ -130,7 +130,7 @@ def _group_to_toml(group: Group) -> dict[str, Any]:
 def versions() -> dict[str, str]:
     """Of everything that a result may depend on."""
     found = {"python": platform.python_version(), "sympol": __version__}
-    some = ("envpool",) if pool.is_installed() else ()
+    some = ("numba",) if native.is_installed() else ()
     for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy", *some):
         try:
             found[package] = version(package)

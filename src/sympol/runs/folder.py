@@ -28,7 +28,7 @@ from .. import __version__
 from ..algos.config import Config
 from ..algos.start import Start
 from ..algos.state import TrainState
-from ..envs import pool
+from ..envs import native
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
@@ -156,13 +156,13 @@ class Run:
     def resolve_env(self, env: Any = None) -> EnvSpec:
         """The environment the run was made on, or ``env`` in its place, under the names of the run.
 
-        Where envpool is not installed a run that trained through it can be read, and only refuses to train on.
+        Where Numba is not installed a run that trained with its machine code can be read, and only refuses to train on.
 
         Raises:
             RunError: the environment has no id that is known here.
         """
         backend = self.about["backend"] if env is None else "auto"
-        without_pool = backend == "envpool" and not pool.is_installed()
+        without_numba = backend == "native" and not native.is_installed()
         try:
             spec = resolve(
                 self.about["env"] if env is None else env,
@@ -170,14 +170,14 @@ class Run:
                 action_names=self.about["action_names"],
                 env_kwargs=self.about["env_kwargs"] if env is None else None,
                 groups=self.about["groups"],
-                backend="host" if without_pool else backend,
+                backend="host" if without_numba else backend,
             )
         except UnknownEnvironment as error:
             raise RunError(
                 f"{self.path} was trained on {self.about['env']!r}, which is not known here; register it with "
                 "sympol.register, or give the environment itself: sympol.load(path, env=...)"
             ) from error
-        return replace(spec, pool_task=pool.TASKS.get(spec.name)) if without_pool else spec
+        return replace(spec, is_native=True) if without_numba else spec
 
     def save_checkpoint(self, state: TrainState) -> None:
         """Write the state of the training."""

@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from .threads import threads
+from ...threads import threads
 
 Result = Any
 """What a task returns: anything JSON can hold."""

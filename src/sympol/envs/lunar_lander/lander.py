@@ -1,0 +1,288 @@
+"""The game: how an episode begins, what engines do, what is seen and what it is worth. As in Gymnasium, to the bit.
+
+Chance is a generator of its own, so that an episode is a number: the same one is the same everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .collide import EXTENSION, SKIN, fatten, find_contacts, follow, kind_of, look, told, transform, update
+from .impact import EPSILON, time_of_impact
+from .layout import ONE, ZERO, F
+from .machine import compiled
+from .shapes import CHUNKS, EDGES, FPS, HEIGHT, LEG_AWAY, LEG_DOWN, LEG_SIDES, SCALE, WIDTH
+from .solve import CENTERS, DT, IA, MA, solve, solve_impact
+
+FEATURES = 8
+LIMIT = 1000
+"""Steps."""
+TINY = np.finfo(np.float32).smallest_normal
+"""What is nearer to zero than this is zero in all that is observed here."""
+MAIN_POWER, SIDE_POWER = 13.0, 0.6
+MAIN_Y, SIDE_AWAY, SIDE_HEIGHT, SIDE_DOWN = 4.0, 12.0, 14.0, 17.0
+INITIAL = 1000.0
+"""Force of the first push, at most, in newtons."""
+PAD = HEIGHT / 4
+"""Height of the ground between the flags."""
+SUBSTEPS = 8
+_GOLDEN, _MIX1, _MIX2 = (
+    np.uint64(0x9E3779B97F4A7C15),
+    np.uint64(0xBF58476D1CE4E5B9),
+    np.uint64(0x94D049BB133111EB),
+)
+
+
+@compiled
+def draw(game):
+    """A float64 in [0, 1): SplitMix64 (Steele, Lea and Flood 2014)."""
+    game.random += _GOLDEN
+    z = game.random
+    z = (z ^ (z >> np.uint64(30))) * _MIX1
+    z = (z ^ (z >> np.uint64(27))) * _MIX2
+    z = z ^ (z >> np.uint64(31))
+    return (z >> np.uint64(11)) * 2.0**-53
+
+
+@compiled
+def uniform(game, low, high):
+    """Between two bounds."""
+    return low + (high - low) * draw(game)
+
+
+@compiled
+def _lay(edge, x1, y1, x2, y2, friction):
+    edge.x1, edge.y1, edge.x2, edge.y2, edge.friction = F(x1), F(y1), F(x2), F(y2), friction
+    dx, dy = edge.x2 - edge.x1, edge.y2 - edge.y1
+    part = ONE / np.sqrt(dx * dx + dy * dy)
+    edge.nx, edge.ny = dy * part, -(dx * part)
+    r = EXTENSION
+    edge.low_x, edge.low_y = (min(edge.x1, edge.x2) - SKIN) - r, (min(edge.y1, edge.y2) - SKIN) - r
+    edge.high_x, edge.high_y = (max(edge.x1, edge.x2) + SKIN) + r, (max(edge.y1, edge.y2) + SKIN) + r
+
+
+ROUGH, SMOOTH = np.sqrt(F(0.2) * F(0.2)), np.sqrt(F(0.1) * F(0.2))
+"""Friction of a leg on the level edge, and on the ground."""
+
+
+@compiled
+def start(landing, seed, observation):
+    """Begin an episode, and write down what is seen first."""
+    game, bodies, edges = landing.game[0], landing.bodies, landing.edges
+    game.random = np.uint64(seed)
+    game.begun, game.crashed, game.left, game.right, game.time = 0, 0, 0, 0, 0
+    height = np.empty(CHUNKS + 1)
+    for i in range(CHUNKS + 1):
+        height[i] = uniform(game, 0.0, HEIGHT / 2)
+    for i in range(CHUNKS // 2 - 2, CHUNKS // 2 + 3):
+        height[i] = PAD
+    smooth = np.empty(CHUNKS)
+    for i in range(CHUNKS):
+        smooth[i] = 0.33 * (height[i - 1] + height[i] + height[i + 1])
+    _lay(edges[0], 0.0, 0.0, WIDTH, 0.0, ROUGH)
+    for i in range(1, EDGES):
+        step = WIDTH / (CHUNKS - 1)
+        _lay(edges[i], step * (i - 1), smooth[i - 1], step * i, smooth[i], SMOOTH)
+    force_x, force_y = F(uniform(game, -INITIAL, INITIAL)), F(uniform(game, -INITIAL, INITIAL))
+    for b in range(3):
+        body = bodies[b]
+        side = LEG_SIDES[b - 1] if b > 0 else 0
+        kind = kind_of(b)
+        body.px, body.py, body.angle = F(WIDTH / 2 - side * LEG_AWAY), F(HEIGHT), F(side * 0.05)
+        body.sin, body.cos = np.sin(body.angle), np.cos(body.angle)
+        mx, my = CENTERS[kind, 0], CENTERS[kind, 1]
+        body.cx = (body.cos * mx - body.sin * my) + body.px
+        body.cy = (body.sin * mx + body.cos * my) + body.py
+        body.vx, body.vy, body.spin, body.sleep, body.contacts = ZERO, ZERO, ZERO, ZERO, 0
+        fatten(body, kind)
+    for j in range(2):
+        joint = landing.joints[j]
+        joint.ix, joint.iy, joint.iz, joint.motor, joint.limit = ZERO, ZERO, ZERO, ZERO, 0
+    _act(landing, 0.0, 0.0, force_x, force_y, observation)
+    game.time = 0
+
+
+@compiled
+def step(landing, main, side, observation):
+    """Let engines push, write down what is seen then, and return reward, terminated and truncated.
+
+    ``main`` is the power of the main engine, 0 or 0.5 to 1; ``side`` that of a side engine, negative for the left one.
+    """
+    reward, terminated = _act(landing, main, side, ZERO, ZERO, observation)
+    game = landing.game[0]
+    return reward, terminated, game.time >= LIMIT
+
+
+@compiled
+def _act(landing, main, side, force_x, force_y, observation):
+    """One step of game and world."""
+    game, lander = landing.game[0], landing.bodies[0]
+    tip_x, tip_y = math.sin(np.float64(lander.angle)), math.cos(np.float64(lander.angle))
+    side_x, side_y = -tip_y, tip_x
+    d0, d1 = uniform(game, -1.0, 1.0) / SCALE, uniform(game, -1.0, 1.0) / SCALE
+    if main > 0:
+        ox = tip_x * (MAIN_Y / SCALE + 2 * d0) + side_x * d1
+        oy = -tip_y * (MAIN_Y / SCALE + 2 * d0) - side_y * d1
+        _push(lander, -ox * MAIN_POWER * main, -oy * MAIN_POWER * main, lander.px + ox, lander.py + oy)
+    power = abs(side)
+    if power > 0:
+        direction = 1.0 if side > 0 else -1.0
+        ox = tip_x * d0 + side_x * (3 * d1 + direction * SIDE_AWAY / SCALE)
+        oy = -tip_y * d0 - side_y * (3 * d1 + direction * SIDE_AWAY / SCALE)
+        x = lander.px + ox - tip_x * SIDE_DOWN / SCALE
+        y = lander.py + oy + tip_y * SIDE_HEIGHT / SCALE
+        _push(lander, -ox * SIDE_POWER * power, -oy * SIDE_POWER * power, x, y)
+    asleep = _world(landing, force_x, force_y)
+    half = WIDTH / 2
+    x = (np.float64(lander.px) - half) / half
+    y = (np.float64(lander.py) - (PAD + LEG_DOWN)) / (HEIGHT / 2)
+    vx, vy = np.float64(lander.vx) * half / FPS, np.float64(lander.vy) * (HEIGHT / 2) / FPS
+    observation[0], observation[1], observation[2], observation[3] = x, y, vx, vy
+    observation[4], observation[5] = lander.angle, 20.0 * np.float64(lander.spin) / FPS
+    observation[6], observation[7] = game.left, game.right
+    for i in range(FEATURES):
+        if abs(observation[i]) < TINY:
+            observation[i] = ZERO
+    shaping = (
+        -100 * math.sqrt(x * x + y * y)
+        - 100 * math.sqrt(vx * vx + vy * vy)
+        - 100 * abs(np.float64(lander.angle))
+        + 10.0 * game.left
+        + 10.0 * game.right
+    )
+    reward = shaping - game.shaping if game.begun else 0.0
+    game.shaping, game.begun = shaping, 1
+    game.time += 1
+    reward -= main * 0.30
+    reward -= power * 0.03
+    if asleep:
+        return 100.0, True
+    if game.crashed or abs(x) >= 1.0:
+        return -100.0, True
+    return reward, False
+
+
+@compiled
+def _push(body, ix, iy, x, y):
+    """An impulse at a point."""
+    ix, iy, rx, ry = F(ix), F(iy), F(x) - body.cx, F(y) - body.cy
+    body.vx += MA * ix
+    body.vy += MA * iy
+    body.spin += IA * (rx * iy - ry * ix)
+
+
+@compiled
+def _world(landing, force_x, force_y):
+    """One step of the world; whether the lander has come to rest.
+
+    Where the lander itself touches the ground, the episode is over: how it would bounce is left out.
+    """
+    bodies = landing.bodies
+    for b in (2, 1, 0):
+        look(landing, b)
+    asleep = solve(landing, force_x, force_y)
+    for b in range(3):
+        if follow(bodies[b], kind_of(b), CENTERS[kind_of(b), 0], CENTERS[kind_of(b), 1]):
+            find_contacts(landing, b)
+    if asleep:
+        for b in range(3):
+            bodies[b].vx, bodies[b].vy, bodies[b].spin = ZERO, ZERO, ZERO
+        return True
+    _impacts(landing)
+    return False
+
+
+@compiled
+def _crash(landing):
+    """Whether the lander itself comes to the ground within the step."""
+    lander = landing.bodies[0]
+    cx, cy, angle = lander.cx, lander.cy, lander.angle
+    for k in range(lander.contacts):
+        contact = landing.contacts[0, k]
+        t = time_of_impact(
+            landing.edges[contact.edge], 0, lander.cx0, lander.cy0, lander.angle0, cx, cy, angle
+        )
+        if t == ONE or contact.touching:
+            continue
+        lander.cx, lander.cy = (ONE - t) * lander.cx0 + t * cx, (ONE - t) * lander.cy0 + t * cy
+        lander.angle = (ONE - t) * lander.angle0 + t * angle
+        transform(lander, CENTERS[0, 0], CENTERS[0, 1])
+        told(landing, 0, update(landing, 0, k))
+        lander.cx, lander.cy, lander.angle = cx, cy, angle
+        transform(lander, CENTERS[0, 0], CENTERS[0, 1])
+
+
+@compiled
+def _impacts(landing):
+    """What comes to the ground within the step."""
+    bodies, contacts = landing.bodies, landing.contacts
+    for b in range(3):
+        for k in range(bodies[b].contacts):
+            contacts[b, k].has_toi, contacts[b, k].toi, contacts[b, k].substeps = 0, ONE, 0
+    _crash(landing)
+    ground = ZERO  # how far into the step the ground is: to where the last impact was
+    while True:
+        first, at, soonest = -1, 0, ONE
+        for b in (2, 1):
+            body = bodies[b]
+            for k in range(body.contacts):
+                contact = contacts[b, k]
+                if not contact.enabled or contact.substeps > SUBSTEPS:
+                    continue
+                if not contact.has_toi:
+                    if body.alpha0 < ground:
+                        _advance(body, ground)
+                    elif ground < body.alpha0:
+                        ground = body.alpha0
+                    beta = time_of_impact(
+                        landing.edges[contact.edge],
+                        1,
+                        body.cx0,
+                        body.cy0,
+                        body.angle0,
+                        body.cx,
+                        body.cy,
+                        body.angle,
+                    )
+                    contact.toi = min(ground + (ONE - ground) * beta, ONE) if beta < ONE else ONE
+                    contact.has_toi = 1
+                if contact.toi < soonest:
+                    first, at, soonest = b, k, contact.toi
+        if first < 0 or ONE - F(10) * EPSILON < soonest:
+            return
+        body, contact = bodies[first], contacts[first, at]
+        cx, cy, angle = body.cx, body.cy, body.angle
+        cx0, cy0, angle0, alpha0, ground0 = body.cx0, body.cy0, body.angle0, body.alpha0, ground
+        _advance(body, soonest)
+        ground = soonest
+        body.cx, body.cy, body.angle = body.cx0, body.cy0, body.angle0
+        transform(body, CENTERS[1, 0], CENTERS[1, 1])
+        told(landing, first, update(landing, first, at))
+        contact.has_toi = 0
+        contact.substeps += 1
+        if not contact.touching:
+            contact.enabled = 0
+            body.cx, body.cy, body.angle = cx, cy, angle
+            body.cx0, body.cy0, body.angle0, body.alpha0, ground = cx0, cy0, angle0, alpha0, ground0
+            transform(body, CENTERS[1, 0], CENTERS[1, 1])
+            continue
+        for k in range(body.contacts):
+            if k != at:
+                told(landing, first, update(landing, first, k))
+        solve_impact(landing, first, at, (ONE - soonest) * DT)
+        for k in range(body.contacts):
+            contacts[first, k].has_toi = 0
+        if follow(body, 1, CENTERS[1, 0], CENTERS[1, 1]):
+            find_contacts(landing, first)
+
+
+@compiled
+def _advance(body, alpha):
+    """Let the sweep of a body begin later."""
+    beta = (alpha - body.alpha0) / (ONE - body.alpha0)
+    body.cx0 = (ONE - beta) * body.cx0 + beta * body.cx
+    body.cy0 = (ONE - beta) * body.cy0 + beta * body.cy
+    body.angle0 = (ONE - beta) * body.angle0 + beta * body.angle
+    body.alpha0 = alpha

@@ -1,0 +1,39 @@
+"""Machine code, made by Numba of plain Python functions and kept on disk.
+
+Numba looks at the file of a function to see whether what it kept is stale, and not at those of the functions that it
+calls. So the place is named after all files of this package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba.core.config
+from numba import njit
+
+from ...compilation import cache_folder
+
+
+def _folder() -> str:
+    digest = hashlib.sha256()
+    for file in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(file.read_bytes())
+    folder = cache_folder()
+    return str(folder / f"numba-{digest.hexdigest()[:16]}") if folder else ""
+
+
+_FOLDER = _folder()
+_config: Any = numba.core.config
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """The function as machine code, made when it is first called: float32 stays float32, nothing is reordered, and a
+    division by zero is none of Python's affairs. Others may run meanwhile."""
+    kept, _config.CACHE_DIR = _config.CACHE_DIR, _FOLDER
+    try:
+        return njit(cache=bool(_FOLDER), error_model="numpy", nogil=True)(function)
+    finally:
+        _config.CACHE_DIR = kept

@@ -1,0 +1,42 @@
+"""The arena of the lunar landers: whole episodes in machine code, a thread for each processor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from ..envs.lunar_lander.flights import engines, fly, watch
+from ..play import episode_seed
+from ..threads import threads
+from ..trees import DecisionTree
+from .arena import Arena, Played
+from .packed import Packed, answers
+
+
+class FlownArena(Arena):
+    """See the module."""
+
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        push = engines(answers(packed, self.spec))
+        seeds = np.tile(self._seeds(episodes), len(trees))
+        tree = np.repeat(np.arange(len(trees), dtype=np.int32), len(episodes))
+        parts = [slice(i, None, threads()) for i in range(threads())]  # each has some of every tree's
+        with ThreadPoolExecutor(len(parts)) as pool:
+            flown = list(pool.map(lambda part: fly(packed, push, tree[part], seeds[part]), parts))
+        returns, lengths = np.zeros(len(seeds), np.float32), np.zeros(len(seeds), np.int32)
+        for part, (earned, took) in zip(parts, flown, strict=True):
+            returns[part], lengths[part] = earned, took
+        shape = len(trees), len(episodes)
+        return Played(returns.reshape(shape), lengths.reshape(shape))
+
+    def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
+        packed = Packed.of([tree], 1, tree.n_nodes)
+        return watch(packed, engines(answers(packed, self.spec)), self._seeds(episodes))
+
+    def _seeds(self, episodes: range) -> ndarray:
+        return np.array([episode_seed(self.seed, episode, self.purpose) for episode in episodes], np.uint64)
