@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
 from numpy import ndarray
 
-from .lander import FEATURES, LIMIT, draw, start, step
-from .layout import GAME, Landing, landings
+from .lander import FEATURES, LIMIT, start, step
+from .layout import Landing, landings
 from .machine import compiled
 
 _BY_ACTION = np.array([[0, 0], [0, -1], [1, 0], [0, 1]], np.float64)
@@ -26,16 +26,6 @@ class Moved(NamedTuple):
     reward: Float64[ndarray, " copies"]
     terminated: Bool[ndarray, " copies"]
     truncated: Bool[ndarray, " copies"]
-
-
-class Branched(NamedTuple):
-    """What every action is worth where it was tried."""
-
-    observation: Float32[ndarray, "samples features"]
-    worth: Float64[ndarray, "samples actions"]
-    """The return from there on."""
-    steps: int
-    """That it took."""
 
 
 def engines(actions: Shaped[ndarray, "*batch"] | Shaped[ndarray, "*batch 2"]) -> Float64[ndarray, "*batch 2"]:
@@ -93,22 +83,6 @@ def watch(
     return seen[: lengths.sum()]
 
 
-def branch(
-    trees: Any, push: Float64[ndarray, "trees nodes 2"], seeds: UInt64[ndarray, " jobs"], odds: float
-) -> Branched:
-    """Episodes of the first of the trees, where now and then every action is tried, and the tree flies on from there.
-
-    At each step that happens with probability ``odds``; all that follows meets the same chance. Discrete actions only.
-    """
-    room = int(LIMIT * len(seeds) * odds * 2) + 64
-    seen, worth = np.zeros((room, FEATURES), np.float32), np.zeros((room, len(_BY_ACTION)))
-    count = np.zeros(2, np.int64)
-    arrays = trees.feature, trees.threshold, trees.left, trees.right
-    _branch(landings(2), *arrays, push, _BY_ACTION, seeds, odds, seen, worth, count)
-    found, steps = count.tolist()
-    return Branched(seen[:found], worth[:found], steps)
-
-
 @compiled
 def _one(all_landings, i):
     return Landing(
@@ -141,66 +115,6 @@ def _step(all_landings, push, wanted, seen, following, reward, over):
 
 
 @compiled
-def _leaf(feature, threshold, left, right, t, x):
-    node = 0
-    while left[t, node] != node:
-        node = left[t, node] if x[feature[t, node]] <= threshold[t, node] else right[t, node]
-    return node
-
-
-@compiled
-def _copy(to, of):
-    for i in range(len(of.bodies)):
-        to.bodies[i] = of.bodies[i]
-        for k in range(of.bodies[i].contacts):
-            to.contacts[i, k] = of.contacts[i, k]
-            to.points[i, k, 0], to.points[i, k, 1] = of.points[i, k, 0], of.points[i, k, 1]
-    for i in range(len(of.joints)):
-        to.joints[i] = of.joints[i]
-    to.game[0] = of.game[0]
-
-
-@compiled
-def _branch(all_landings, feature, threshold, left, right, push, every, seeds, odds, seen, worth, count):
-    """Write down observations and worths; count them and the steps."""
-    landing, other = _one(all_landings, 0), _one(all_landings, 1)
-    x, y = np.zeros(FEATURES, np.float32), np.zeros(FEATURES, np.float32)
-    dice, taken = np.zeros(1, GAME), np.zeros(len(seen), np.int64)
-    for job in range(len(seeds)):
-        dice[0].random = ~np.uint64(seeds[job])
-        start(landing, seeds[job], x)
-        for e in range(len(landing.edges)):
-            other.edges[e] = landing.edges[e]
-        first, total, over = count[0], 0.0, False
-        while not over:
-            node = _leaf(feature, threshold, left, right, 0, x)
-            main, side = push[0, node, 0], push[0, node, 1]
-            if draw(dice[0]) < odds and count[0] < len(seen):
-                row = count[0]
-                count[0] += 1
-                seen[row] = x
-                for a in range(len(every)):
-                    if every[a, 0] == main and every[a, 1] == side:
-                        worth[row, a], taken[row] = -total, a  # and at the end all that was earned
-                        continue
-                    _copy(other, landing)
-                    reward, terminated, truncated = step(other, every[a, 0], every[a, 1], y)
-                    count[1] += 1
-                    worth[row, a] = reward
-                    while not (terminated or truncated):
-                        leaf = _leaf(feature, threshold, left, right, 0, y)
-                        reward, terminated, truncated = step(other, push[0, leaf, 0], push[0, leaf, 1], y)
-                        count[1] += 1
-                        worth[row, a] += reward
-            reward, terminated, truncated = step(landing, main, side, x)
-            count[1] += 1
-            total += reward
-            over = terminated or truncated
-        for row in range(first, count[0]):
-            worth[row, taken[row]] += total
-
-
-@compiled
 def _fly(all_landings, feature, threshold, left, right, push, tree, seeds, returns, lengths, seen):
     landing, x = _one(all_landings, 0), np.zeros(FEATURES, np.float32)
     row = 0
@@ -212,7 +126,9 @@ def _fly(all_landings, feature, threshold, left, right, push, tree, seeds, retur
             if row < len(seen):
                 seen[row] = x
                 row += 1
-            node = _leaf(feature, threshold, left, right, t, x)
+            node = 0
+            while left[t, node] != node:
+                node = left[t, node] if x[feature[t, node]] <= threshold[t, node] else right[t, node]
             reward, terminated, truncated = step(landing, push[t, node, 0], push[t, node, 1], x)
             total += reward
             lengths[job] += 1
