@@ -23,7 +23,7 @@ def test_numbers_are_what_is_no_category():
 @pytest.mark.slow
 def test_trees_from_scratch_are_polished_at_half_the_limit_and_a_quarter(tmp_path: Path):
     plan = Plan("Pendulum-v1", max_nodes=15, roads=("scratch",), budget="60M steps", trainings=1)
-    walk(plan.to_dict(), str(tmp_path), "scratch", 0, 1e9, 12e6)
+    walk(plan.to_dict(), str(tmp_path), "scratch", 0, 1e9, 40e6)
     found, finished = kept(tmp_path / "scratch" / "0")
     assert finished
     arena = make_arena(resolve("Pendulum-v1"), 5, "validation")
