@@ -1,9 +1,10 @@
 """In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
 
-A tree is pruned by return to the limit, and its numbers are polished (`sympol.refine.polish`); then the same with four
-fifths of the nodes, from the tree before, and so on down to a quarter of the limit: what little pruning loses at once,
-polishing wins back. Each size leaves what it found in a folder of its own: what is done is not done again, and a polish
-goes on.
+A tree is pruned by return to twice the limit, and its numbers are polished (`sympol.refine.polish`); then the same with
+four fifths of the nodes, from the tree before, and so on down to a quarter of the limit: what little pruning loses at
+once, polishing wins back. So what is asked for comes out of trees that had room.
+
+Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ from .site import Site, chained
 
 STEPS = 3
 """In which a tree loses half of its nodes."""
-FIRST_PART = 2
-"""How long the largest trees are polished, in the time that each smaller size has."""
+ABOVE = 2
+"""How large the first trees are, in limits."""
+LIMIT_PART = 2
+"""How long trees of the limit are polished, in the time that each other size has."""
 STARTS = 2
 """Trees that are polished side by side at first."""
 FIRST, LAST = 32, 128
@@ -34,7 +37,7 @@ FIRST, LAST = 32, 128
 FAR = 1 << 30
 """Polishing plays episodes from here on."""
 EPISODES = {"jax": 64, "native": 32, "host": 16}
-"""Of a generation of polishing and of an iteration of distillation, by what steps them."""
+"""Of a generation of polishing, by what steps them."""
 APART = 1 << 26
 """Episodes of one size."""
 
@@ -69,11 +72,11 @@ class Stage:
 
 
 def stages(max_nodes: int) -> list[Stage]:
-    """The limit, and ever smaller sizes down to a quarter of it, as long as there is a question to polish."""
-    ratios = 2.0 ** (-np.arange(2 * STEPS + 1) / STEPS)
+    """From twice the limit, ever smaller sizes down to a quarter of it, as long as there is a question to polish."""
+    ratios = ABOVE * 2.0 ** (-np.arange(3 * STEPS + 1) / STEPS)
     leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
-    sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1]
-    parts = [FIRST_PART, *[1] * len(sizes)][: len(sizes)]
+    sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
+    parts = [LIMIT_PART if size == max_nodes else 1 for size in sizes]
     return [
         Stage(size, end, parts[i] / sum(parts[i:]), FAR + i * APART)
         for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True))

@@ -1,11 +1,11 @@
 """The teacher's road: from a network to a large tree, and from there, in turns, a size less and a polish.
 
 1. A teacher is trained, or given.
-2. It is distilled into several trees that may be a few times as large as those asked for: what a large tree earns, a
+2. It is distilled into several trees that may be many times as large as those asked for: what a large tree earns, a
    small one pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
-3. The best two are pruned by return to the limit and polished (`sympol.pareto.polished`), which leaves the better one:
-   CART puts thresholds where the teacher's answers change, and not where the tree, which is cruder, had better change
-   its own.
+3. The best two are pruned by return to twice the limit and polished (`sympol.pareto.polished`), which leaves the better
+   one, and so on to the limit and below: CART puts thresholds where the teacher's answers change, and not where the
+   tree, which is cruder, had better change its own.
 
 Each tree is kept when it is there. What is done is not done again.
 """
@@ -30,13 +30,15 @@ from ..teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from .found import Found, keep, kept
 from .front import Spent
-from .polished import EPISODES, STARTS, best_of, polished
+from .polished import STARTS, best_of, polished, stages
 from .site import TRAINING, Site, chained, part, trained
 
 DISTILLING = 0.7
 """Of the share of seconds, after which no further tree is distilled."""
-TIMES = (4, 4, 4, 2)
+TIMES = (8, 8, 4)
 """How large distilled trees may be, in limits."""
+EPISODES = {"jax": 128, "native": 64, "host": 16}
+"""Of an iteration of distillation, by what steps them."""
 ITERATIONS = 12
 """Trees that are fitted one after the other, of which distillation takes the best."""
 
@@ -49,7 +51,7 @@ def taught(site: Site) -> None:
 
 
 def _distilled(site: Site) -> list[Found]:
-    """Trees made of the teacher, and the best of them pruned by return to the limit."""
+    """Trees made of the teacher, and the best of them pruned by return until they can be polished."""
     folder = site.folder / "distilled"
     before, finished = kept(folder)
     if finished:
@@ -65,11 +67,11 @@ def _distilled(site: Site) -> list[Found]:
     arena, began = make_arena(site.spec, site.seed), time.perf_counter()
     best = best_of(arena, [one.tree for one in trees], STARTS)
     cost = trees[-1].spent + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
-    found = list(trees)
+    found, largest = list(trees), stages(site.plan.max_nodes)[0].nodes
     for tree in best:
-        found += chained(site, tree, "teacher", cost, smallest=site.plan.max_nodes)
+        found += chained(site, tree, "teacher", cost, smallest=largest)
         cost = found[-1].spent
-    within = [one for one in found if one.tree.n_nodes <= site.plan.max_nodes]
+    within = [one for one in found if one.tree.n_nodes <= largest]
     keep(folder, within, finished=True)
     return within
 
