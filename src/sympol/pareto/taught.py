@@ -37,7 +37,7 @@ DISTILLING = 0.7
 """Of the share of seconds, after which no further tree is distilled."""
 TIMES = (8, 8, 4)
 """How large distilled trees may be, in limits."""
-EPISODES = {"jax": 128, "native": 64, "host": 16}
+EPISODES = {"jax": 128, "native": 128, "host": 16}
 """Of an iteration of distillation, by what steps them."""
 ITERATIONS = 12
 """Trees that are fitted one after the other, of which distillation takes the best."""
