@@ -3,11 +3,10 @@
     python -m benchmarks.arena [--trees N] [--episodes N] [--repeats N]
 
 Many complete trees of 15 and of 63 nodes, drawn at random, each on the same episodes (`sympol.refine.arena`); of the
-environments written in JAX in a compiled program, of MiniGrid's small worlds also from tables, of LunarLander through
-envpool. Alone means the same program with
-trees of one leaf, which compare nothing; envpool alone is one pool of 64 copies that take the same action, reset by
-themselves. In turns, the best of all repeats of each, by the clock and by the processor's time: on a shared machine
-the second says more. Writes results/arena.json.
+environments written in JAX in a compiled program, of MiniGrid's small worlds also from tables, of LunarLander in
+machine code beside Gymnasium. One leaf means the same with trees that compare nothing, which is what the environment
+alone does. In turns, the best of all repeats of each, by the clock and by the processor's time: on a shared machine the
+second says more. Writes results/arena.json.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from sympol.envs.pool import make_pool
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.refine.arena import Arena, make_arena
@@ -42,7 +40,6 @@ ENVIRONMENTS = (
     "LunarLander-v3",
 )
 DEPTHS = {"one leaf": 0, "15 nodes": 3, "63 nodes": 5}
-POOL_COPIES, POOL_STEPS = 64, 500
 
 
 class Rate(NamedTuple):
@@ -79,19 +76,6 @@ def playing(arena: Arena, trees: list[DecisionTree], episodes: range) -> Callabl
     return lambda: int(arena.play(trees, episodes).lengths.sum(dtype=np.int64))
 
 
-def pool_alone(task: str) -> Callable[[], int]:
-    """Step one pool."""
-    pool, actions = make_pool(task, range(POOL_COPIES)), np.zeros(POOL_COPIES, np.int32)
-    pool.reset()
-
-    def call() -> int:
-        for _ in range(POOL_STEPS):
-            pool.step(actions)
-        return POOL_COPIES * POOL_STEPS
-
-    return call
-
-
 def rates(calls: dict[str, Callable[[], int]], repeats: int) -> dict[str, Rate]:
     """Of each, in turns; the first round, which compiles, does not count."""
     best = dict.fromkeys(calls, Rate(0, 0))
@@ -113,14 +97,13 @@ def measured(name: str, given: argparse.Namespace) -> dict[str, Rate]:
     arenas = {"": make_arena(spec, 0)}
     if isinstance(arenas[""], TableArena):
         arenas = {"": CompiledArena(spec, 0), ", looked up": arenas[""]}
+    if spec.is_native:
+        arenas[", Gymnasium"] = make_arena(resolve(name, backend="host"), 0)
     calls = {
         size + how: playing(arena, random_trees(spec, depth, num), episodes)
         for how, arena in arenas.items()
         for size, depth in DEPTHS.items()
-        if spec.env is not None or depth
     }
-    if spec.pool_task is not None:
-        calls["pool alone"] = pool_alone(spec.pool_task)
     return rates(calls, given.repeats)
 
 

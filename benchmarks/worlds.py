@@ -1,10 +1,10 @@
-"""How fast experience is gathered: environments in JAX or C++ beside the packages they are twins of.
+"""How fast experience is gathered: environments in JAX or machine code beside the packages they are twins of.
 
     python -m benchmarks.worlds [--num-envs N] [--repeats N]
 
 MiniGrid in JAX (`collect`, inside a compiled program, storing each transition as training does) beside Farama's
-package, LunarLander through envpool beside Gymnasium's. Those step as many copies on the host, by SyncVectorEnv or the
-pool, and store nothing. Everywhere the same new tree of depth 5 acts, sampling; on the host it is the extracted one in
+package, LunarLander in machine code beside Gymnasium's. Those step as many copies on the host, by SyncVectorEnv or in a
+loop, and store nothing. Everywhere the same new tree of depth 5 acts, sampling; on the host it is the extracted one in
 NumPy, the fastest there is for so few observations. Twins in turns, the least of many repeats of each. Writes
 results/worlds.json.
 """
@@ -44,7 +44,7 @@ MINIGRID = (
 )
 TWINS: dict[str, tuple[Backend, Backend]] = {
     **dict.fromkeys(MINIGRID, ("jax", "host")),
-    "LunarLander-v3": ("envpool", "host"),
+    "LunarLander-v3": ("native", "host"),
 }
 DEPTH = 5
 

@@ -5,52 +5,14 @@ The ground does not move, so that an edge's frame is the world's.
 
 from __future__ import annotations
 
-import numpy as np
-
+from .bodies import CENTROIDS, FARTHEST, NORMALS, NUMBER, SKIN, VERTICES, corner, kind_of, placed, rotated
 from .layout import CONTACTS, ONE, ZERO, F
 from .machine import compiled
-from .shapes import HULL, LEG
+from .nearness import near
 
-SKIN = F(0.01)
-"""Radius around every shape."""
 RADIUS = F(2) * SKIN
 RELATIVE, ABSOLUTE = F(0.98), F(0.001)
 """A side of the body is the face only if it is this much the better one."""
-FARTHEST = F(3.4e38)
-EXTENSION, AHEAD = F(0.1), F(2)
-"""Of a fat box: on all sides, and steps along the way."""
-_CORNERS = 6
-VERTICES = np.zeros((2, _CORNERS, 2), np.float32)
-NORMALS = np.zeros((2, _CORNERS, 2), np.float32)
-for _i, _solid in enumerate((HULL, LEG)):
-    VERTICES[_i, : len(_solid.vertices)] = _solid.vertices
-    NORMALS[_i, : len(_solid.normals)] = _solid.normals
-NUMBER = np.array([len(HULL.vertices), len(LEG.vertices)])
-CENTROIDS = np.stack([HULL.centroid, LEG.centroid])
-
-
-@compiled
-def kind_of(body):
-    """0 for the lander, 1 for a leg."""
-    return 0 if body == 0 else 1
-
-
-@compiled
-def rotated(sin, cos, x, y):
-    """A direction of the body's frame in the world."""
-    return cos * x - sin * y, sin * x + cos * y
-
-
-@compiled
-def placed(body, x, y):
-    """A point of the body's frame in the world."""
-    return (body.cos * x - body.sin * y) + body.px, (body.sin * x + body.cos * y) + body.py
-
-
-@compiled
-def corner(body, kind, i):
-    """Where the i-th corner is."""
-    return placed(body, VERTICES[kind, i, 0], VERTICES[kind, i, 1])
 
 
 @compiled
@@ -194,71 +156,6 @@ def told(landing, b, change):
         game.left = int(change > 0)
     else:
         game.right = int(change > 0)
-
-
-@compiled
-def transform(body, kind_x, kind_y):
-    """Origin and rotation out of centre of mass and angle."""
-    body.sin, body.cos = np.sin(body.angle), np.cos(body.angle)
-    x, y = rotated(body.sin, body.cos, kind_x, kind_y)
-    body.px, body.py = body.cx - x, body.cy - y
-
-
-@compiled
-def _bounds(px, py, sin, cos, kind):
-    """The box of a body that is somewhere."""
-    low_x = low_y = FARTHEST
-    high_x = high_y = -FARTHEST
-    for i in range(NUMBER[kind]):
-        x, y = rotated(sin, cos, VERTICES[kind, i, 0], VERTICES[kind, i, 1])
-        x, y = x + px, y + py
-        low_x, low_y = min(low_x, x), min(low_y, y)
-        high_x, high_y = max(high_x, x), max(high_y, y)
-    return low_x - SKIN, low_y - SKIN, high_x + SKIN, high_y + SKIN
-
-
-@compiled
-def fatten(body, kind):
-    """The first fat box."""
-    low_x, low_y, high_x, high_y = _bounds(body.px, body.py, body.sin, body.cos, kind)
-    body.low_x, body.low_y = low_x - EXTENSION, low_y - EXTENSION
-    body.high_x, body.high_y = high_x + EXTENSION, high_y + EXTENSION
-
-
-@compiled
-def follow(body, kind, center_x, center_y):
-    """A new fat box, where a body has left it on the way that it swept; whether it has one."""
-    sin, cos = np.sin(body.angle0), np.cos(body.angle0)
-    x, y = rotated(sin, cos, center_x, center_y)
-    px, py = body.cx0 - x, body.cy0 - y
-    l1x, l1y, h1x, h1y = _bounds(px, py, sin, cos, kind)
-    l2x, l2y, h2x, h2y = _bounds(body.px, body.py, body.sin, body.cos, kind)
-    low_x, low_y, high_x, high_y = min(l1x, l2x), min(l1y, l2y), max(h1x, h2x), max(h1y, h2y)
-    if body.low_x <= low_x and body.low_y <= low_y and high_x <= body.high_x and high_y <= body.high_y:
-        return False
-    dx, dy = AHEAD * (body.px - px), AHEAD * (body.py - py)
-    body.low_x, body.low_y = low_x - EXTENSION, low_y - EXTENSION
-    body.high_x, body.high_y = high_x + EXTENSION, high_y + EXTENSION
-    if dx < ZERO:
-        body.low_x += dx
-    else:
-        body.high_x += dx
-    if dy < ZERO:
-        body.low_y += dy
-    else:
-        body.high_y += dy
-    return True
-
-
-@compiled
-def near(body, edge):
-    """Whether their fat boxes overlap."""
-    return not (
-        edge.low_x - body.high_x > 0
-        or edge.low_y - body.high_y > 0
-        or body.low_x - edge.high_x > 0
-        or body.low_y - edge.high_y > 0
-    )
 
 
 @compiled

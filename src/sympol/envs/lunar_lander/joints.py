@@ -1,0 +1,148 @@
+"""The hinges that hold the legs, with their motors and limits: Box2D's revolute joints, to the bit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .bodies import clamp, rotated
+from .layout import ONE, ZERO, F
+from .machine import compiled
+from .shapes import FPS, HULL, LEG, LEG_AWAY, LEG_DOWN, LEG_SIDES
+
+DT = F(1 / FPS)
+MA, MB, IA, IB = HULL.inverse_mass, LEG.inverse_mass, HULL.inverse_inertia, LEG.inverse_inertia
+ANCHOR_A = (ZERO - HULL.center[0], ZERO - HULL.center[1])
+"""Of the joints, from the lander's centre of mass."""
+ANCHOR_B = np.array([[F(side * LEG_AWAY), F(LEG_DOWN)] for side in LEG_SIDES], np.float32) - LEG.center
+SPEED = np.array([0.3 * side for side in LEG_SIDES], np.float32)
+"""Of the motors that push the legs out."""
+MOST_TORQUE = DT * F(40)
+LOWER, UPPER = np.array([0.9 - 0.5, -0.9], np.float32), np.array([0.9, -0.9 + 0.5], np.float32)
+MOTOR_MASS = ONE / (IA + IB)
+REFERENCE = np.array([0.05 * side for side in LEG_SIDES], np.float32)
+"""Angles between legs and lander at the beginning, from which others are counted."""
+SLOP, ANGULAR_SLOP = F(0.005), F(2) / F(180) * F(3.14159265359)
+MOST_ANGULAR_CORRECTION = F(8) / F(180) * F(3.14159265359)
+
+
+@compiled
+def prepare_joint(joint, j, lander, leg):
+    """What stays as it is while velocities are solved; apply last step's impulses."""
+    ax, ay = rotated(np.sin(lander.angle), np.cos(lander.angle), ANCHOR_A[0], ANCHOR_A[1])
+    bx, by = rotated(np.sin(leg.angle), np.cos(leg.angle), ANCHOR_B[j, 0], ANCHOR_B[j, 1])
+    joint.ax, joint.ay, joint.bx, joint.by = ax, ay, bx, by
+    exx = MA + MB + ay * ay * IA + by * by * IB
+    eyx = -ay * ax * IA - by * bx * IB
+    ezx = -ay * IA - by * IB
+    eyy = MA + MB + ax * ax * IA + bx * bx * IB
+    ezy = ax * IA + bx * IB
+    ezz = IA + IB
+    joint.kxx, joint.kxy, joint.kxz, joint.kyy, joint.kyz, joint.kzz = exx, eyx, ezx, eyy, ezy, ezz
+    cx, cy, cz = eyy * ezz - ezy * ezy, ezy * ezx - eyx * ezz, eyx * ezy - eyy * ezx
+    det3 = exx * cx + eyx * cy + ezx * cz
+    joint.det3 = ONE / det3 if det3 != ZERO else det3
+    det2 = exx * eyy - eyx * eyx
+    joint.det2 = ONE / det2 if det2 != ZERO else det2
+    angle = leg.angle - lander.angle - REFERENCE[j]
+    limit = -1 if angle <= LOWER[j] else 1 if angle >= UPPER[j] else 0
+    if limit == 0 or limit != joint.limit:
+        joint.iz = ZERO
+    joint.limit = limit
+    turn = joint.motor
+    lander.vx -= MA * joint.ix
+    lander.vy -= MA * joint.iy
+    lander.spin -= IA * ((ax * joint.iy - ay * joint.ix) + turn + joint.iz)
+    leg.vx += MB * joint.ix
+    leg.vy += MB * joint.iy
+    leg.spin += IB * ((bx * joint.iy - by * joint.ix) + turn + joint.iz)
+
+
+@compiled
+def solve_joint(joint, j, ax, ay, aw, bx, by, bw, ix, iy, iz, im):
+    """Once: velocities of the lander and of a leg after motor, limit and hinge have had their say, the impulses in all,
+    and what was added to those of hinge and limit."""
+    impulse = -MOTOR_MASS * (bw - aw - SPEED[j])
+    now = clamp(im + impulse, -MOST_TORQUE, MOST_TORQUE)
+    impulse, im = now - im, now
+    aw -= IA * impulse
+    bw += IB * impulse
+    dx = bx - bw * joint.by - ax + aw * joint.ay
+    dy = by + bw * joint.bx - ay - aw * joint.ax
+    if joint.limit == 0:
+        px = joint.det2 * (joint.kyy * -dx - joint.kxy * -dy)
+        py = joint.det2 * (joint.kxx * -dy - joint.kxy * -dx)
+        ix += px
+        iy += py
+        pz = ZERO
+        aw -= IA * (joint.ax * py - joint.ay * px)
+        bw += IB * (joint.bx * py - joint.by * px)
+    else:
+        dz = bw - aw
+        kxx, kxy, kxz, kyy, kyz, kzz = joint.kxx, joint.kxy, joint.kxz, joint.kyy, joint.kyz, joint.kzz
+        cx, cy, cz = kyy * kzz - kyz * kyz, kyz * kxz - kxy * kzz, kxy * kyz - kyy * kxz
+        px = -(joint.det3 * (dx * cx + dy * cy + dz * cz))
+        cx, cy, cz = dy * kzz - dz * kyz, dz * kxz - dx * kzz, dx * kyz - dy * kxz
+        py = -(joint.det3 * (kxx * cx + kxy * cy + kxz * cz))
+        cx, cy, cz = kyy * dz - kyz * dy, kyz * dx - kxy * dz, kxy * dy - kyy * dx
+        pz = -(joint.det3 * (kxx * cx + kxy * cy + kxz * cz))
+        if (iz + pz < ZERO) if joint.limit < 0 else (iz + pz > ZERO):
+            rx, ry = -dx + iz * kxz, -dy + iz * kyz
+            px = joint.det2 * (kyy * rx - kxy * ry)
+            py = joint.det2 * (kxx * ry - kxy * rx)
+            pz = -iz
+            ix += px
+            iy += py
+            iz = ZERO
+        else:
+            ix += px
+            iy += py
+            iz += pz
+        aw -= IA * ((joint.ax * py - joint.ay * px) + pz)
+        bw += IB * ((joint.bx * py - joint.by * px) + pz)
+    ax -= MA * px
+    ay -= MA * py
+    bx += MB * px
+    by += MB * py
+    return ax, ay, aw, bx, by, bw, ix, iy, iz, im, px, py, pz
+
+
+@compiled
+def joint_positions(j, lander, leg, limit):
+    """Once: move the lander and a leg to where the hinge holds; whether it nearly did."""
+    off = ZERO
+    if limit != 0:
+        angle = leg.angle - lander.angle - REFERENCE[j]
+        if limit < 0:
+            c = angle - LOWER[j]
+            off = -c
+            c = clamp(c + ANGULAR_SLOP, -MOST_ANGULAR_CORRECTION, ZERO)
+        else:
+            c = angle - UPPER[j]
+            off = c
+            c = clamp(c - ANGULAR_SLOP, ZERO, MOST_ANGULAR_CORRECTION)
+        impulse = -MOTOR_MASS * c
+        lander.angle -= IA * impulse
+        leg.angle += IB * impulse
+    ax, ay = rotated(np.sin(lander.angle), np.cos(lander.angle), ANCHOR_A[0], ANCHOR_A[1])
+    bx, by = rotated(np.sin(leg.angle), np.cos(leg.angle), ANCHOR_B[j, 0], ANCHOR_B[j, 1])
+    cx, cy = leg.cx + bx - lander.cx - ax, leg.cy + by - lander.cy - ay
+    kxx = MA + MB + IA * ay * ay + IB * by * by
+    kxy = -IA * ax * ay - IB * bx * by
+    kyy = MA + MB + IA * ax * ax + IB * bx * bx
+    det = kxx * kyy - kxy * kxy
+    if det != ZERO:
+        det = ONE / det
+    px, py = -(det * (kyy * cx - kxy * cy)), -(det * (kxx * cy - kxy * cx))
+    lander.cx -= MA * px
+    lander.cy -= MA * py
+    lander.angle -= IA * (ax * py - ay * px)
+    leg.cx += MB * px
+    leg.cy += MB * py
+    leg.angle += IB * (bx * py - by * px)
+    return np.sqrt(cx * cx + cy * cy) <= SLOP and off <= ANGULAR_SLOP
+
+
+@compiled
+def pulls(limit, impulse, added, times):
+    """Whether an impulse at a limit, which may only push, could come near to zero by being added to so many times."""
+    return limit != 0 and added != ZERO and abs(impulse) <= F(2) * abs(added) * F(times)

@@ -1,0 +1,130 @@
+"""One step of the world: contacts, velocities and positions, then what comes to the ground within the step."""
+
+from __future__ import annotations
+
+from .bodies import CENTERS, kind_of, transform
+from .collide import find_contacts, look, told, update
+from .distance import EPSILON
+from .impact import time_of_impact
+from .joints import DT
+from .layout import ONE, ZERO, F
+from .machine import compiled
+from .nearness import follow
+from .solve import solve, solve_impact
+
+SUBSTEPS = 8
+
+
+@compiled
+def advance_world(landing, force_x, force_y):
+    """One step of the world; whether the lander has come to rest.
+
+    Where the lander itself touches the ground, the episode is over: how it would bounce is left out.
+    """
+    bodies = landing.bodies
+    for b in (2, 1, 0):
+        look(landing, b)
+    asleep = solve(landing, force_x, force_y)
+    for b in range(3):
+        if follow(bodies[b], kind_of(b), CENTERS[kind_of(b), 0], CENTERS[kind_of(b), 1]):
+            find_contacts(landing, b)
+    if asleep:
+        for b in range(3):
+            bodies[b].vx, bodies[b].vy, bodies[b].spin = ZERO, ZERO, ZERO
+        return True
+    _impacts(landing)
+    return False
+
+
+@compiled
+def _crash(landing):
+    """Whether the lander itself comes to the ground within the step."""
+    lander = landing.bodies[0]
+    cx, cy, angle = lander.cx, lander.cy, lander.angle
+    for k in range(lander.contacts):
+        contact = landing.contacts[0, k]
+        t = time_of_impact(
+            landing.edges[contact.edge], 0, lander.cx0, lander.cy0, lander.angle0, cx, cy, angle
+        )
+        if t == ONE or contact.touching:
+            continue
+        lander.cx, lander.cy = (ONE - t) * lander.cx0 + t * cx, (ONE - t) * lander.cy0 + t * cy
+        lander.angle = (ONE - t) * lander.angle0 + t * angle
+        transform(lander, CENTERS[0, 0], CENTERS[0, 1])
+        told(landing, 0, update(landing, 0, k))
+        lander.cx, lander.cy, lander.angle = cx, cy, angle
+        transform(lander, CENTERS[0, 0], CENTERS[0, 1])
+
+
+@compiled
+def _impacts(landing):
+    """What comes to the ground within the step."""
+    bodies, contacts = landing.bodies, landing.contacts
+    for b in range(3):
+        for k in range(bodies[b].contacts):
+            contacts[b, k].has_toi, contacts[b, k].toi, contacts[b, k].substeps = 0, ONE, 0
+    _crash(landing)
+    ground = ZERO  # how far into the step the ground is: to where the last impact was
+    while True:
+        first, at, soonest = -1, 0, ONE
+        for b in (2, 1):
+            body = bodies[b]
+            for k in range(body.contacts):
+                contact = contacts[b, k]
+                if not contact.enabled or contact.substeps > SUBSTEPS:
+                    continue
+                if not contact.has_toi:
+                    if body.alpha0 < ground:
+                        _advance(body, ground)
+                    elif ground < body.alpha0:
+                        ground = body.alpha0
+                    beta = time_of_impact(
+                        landing.edges[contact.edge],
+                        1,
+                        body.cx0,
+                        body.cy0,
+                        body.angle0,
+                        body.cx,
+                        body.cy,
+                        body.angle,
+                    )
+                    contact.toi = min(ground + (ONE - ground) * beta, ONE) if beta < ONE else ONE
+                    contact.has_toi = 1
+                if contact.toi < soonest:
+                    first, at, soonest = b, k, contact.toi
+        if first < 0 or ONE - F(10) * EPSILON < soonest:
+            return
+        body, contact = bodies[first], contacts[first, at]
+        cx, cy, angle = body.cx, body.cy, body.angle
+        cx0, cy0, angle0, alpha0, ground0 = body.cx0, body.cy0, body.angle0, body.alpha0, ground
+        _advance(body, soonest)
+        ground = soonest
+        body.cx, body.cy, body.angle = body.cx0, body.cy0, body.angle0
+        transform(body, CENTERS[1, 0], CENTERS[1, 1])
+        told(landing, first, update(landing, first, at))
+        contact.has_toi = 0
+        contact.substeps += 1
+        if not contact.touching:
+            contact.enabled = 0
+            body.cx, body.cy, body.angle = cx, cy, angle
+            body.cx0, body.cy0, body.angle0, body.alpha0, ground = cx0, cy0, angle0, alpha0, ground0
+            transform(body, CENTERS[1, 0], CENTERS[1, 1])
+            continue
+        for k in range(body.contacts):
+            if k != at:
+                told(landing, first, update(landing, first, k))
+        solve_impact(landing, first, at, (ONE - soonest) * DT)
+        for k in range(body.contacts):
+            contacts[first, k].has_toi = 0
+        if follow(body, 1, CENTERS[1, 0], CENTERS[1, 1]):
+            find_contacts(landing, first)
+
+
+@compiled
+def _advance(body, alpha):
+    """Let the sweep of a body begin later."""
+    beta = (alpha - body.alpha0) / (ONE - body.alpha0)
+    body.cx0 = (ONE - beta) * body.cx0 + beta * body.cx
+    body.cy0 = (ONE - beta) * body.cy0 + beta * body.cy
+    body.angle0 = (ONE - beta) * body.angle0 + beta * body.angle
+    body.alpha0 = alpha
