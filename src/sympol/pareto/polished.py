@@ -1,6 +1,6 @@
 """In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
 
-A tree is pruned by return to twice the limit, and its numbers are polished (`sympol.refine.polish`); then the same with
+A tree is pruned by return to four times the limit, and its numbers are polished (`sympol.refine.polish`); then the same with
 four fifths of the nodes, from the tree before, and so on down to a quarter of the limit: what little pruning loses at
 once, polishing wins back. So what is asked for comes out of trees that had room.
 
@@ -26,7 +26,7 @@ from .site import Site, chained
 
 STEPS = 3
 """In which a tree loses half of its nodes."""
-ABOVE = 2
+ABOVE = 4
 """How large the first trees are, in limits."""
 LIMIT_PART = 2
 """How long trees of the limit are polished, in the time that each other size has."""
@@ -38,7 +38,7 @@ FAR = 1 << 30
 """Polishing plays episodes from here on."""
 EPISODES = {"jax": 64, "native": 32, "host": 16}
 """Of a generation of polishing, by what steps them."""
-APART = 1 << 26
+APART = 1 << 25
 """Episodes of one size."""
 
 
@@ -72,8 +72,8 @@ class Stage:
 
 
 def stages(max_nodes: int) -> list[Stage]:
-    """From twice the limit, ever smaller sizes down to a quarter of it, as long as there is a question to polish."""
-    ratios = ABOVE * 2.0 ** (-np.arange(3 * STEPS + 1) / STEPS)
+    """From four times the limit, ever smaller sizes down to a quarter of it, as long as there is a question to polish."""
+    ratios = ABOVE * 2.0 ** (-np.arange(4 * STEPS + 1) / STEPS)
     leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
     sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
     parts = [LIMIT_PART if size == max_nodes else 1 for size in sizes]

@@ -1,9 +1,9 @@
 """The teacher's road: from a network to a large tree, and from there, in turns, a size less and a polish.
 
 1. A teacher is trained, or given.
-2. It is distilled into several trees that may be many times as large as those asked for: what a large tree earns, a
+2. It is distilled into several trees that may be four times as large as those asked for: what a large tree earns, a
    small one pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
-3. The best two are pruned by return to twice the limit and polished (`sympol.pareto.polished`), which leaves the better
+3. The best two are polished, pruned by return by a fifth, polished again (`sympol.pareto.polished`), which leaves the better
    one, and so on to the limit and below: CART puts thresholds where the teacher's answers change, and not where the
    tree, which is cruder, had better change its own.
 
@@ -35,7 +35,7 @@ from .site import TRAINING, Site, chained, part, trained
 
 DISTILLING = 0.7
 """Of the share of seconds, after which no further tree is distilled."""
-TIMES = (8, 8, 4)
+TIMES = (4, 4, 4, 4)
 """How large distilled trees may be, in limits."""
 EPISODES = {"jax": 128, "native": 128, "host": 16}
 """Of an iteration of distillation, by what steps them."""

@@ -58,6 +58,8 @@ class Effort(NamedTuple):
 
 COMPILED = Effort(candidates=64, first=32, last=512, watched=64)
 """Where an arena plays millions of steps a second."""
+NATIVE = Effort(candidates=32, first=16, last=128, watched=64)
+"""Where it plays a hundred thousand."""
 HOSTED = Effort(candidates=24, first=16, last=64, watched=32)
 """Where the host steps the environment."""
 
@@ -134,7 +136,7 @@ def chain(
 
 def effort_of(arena: Arena) -> Effort:
     """What is played by default in such an arena."""
-    return HOSTED if arena.spec.env is None else COMPILED
+    return {"jax": COMPILED, "native": NATIVE}.get(arena.spec.backend, HOSTED)
 
 
 def check_limit(max_nodes: int | None, node_price: float) -> None:
