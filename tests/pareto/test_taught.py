@@ -45,11 +45,11 @@ def balanced(n: int, threshold: float = 0.0) -> DecisionTree:
 @pytest.mark.parametrize(
     ("max_nodes", "sizes"),
     [
-        (63, [127, 99, 79, 63, 49, 39, 31, 23, 19, 15]),
-        (31, [63, 49, 39, 31, 23, 19, 15, 11, 9, 7]),
-        (9, [19, 13, 11, 9, 5, 3]),
-        (5, [11, 7, 5, 3]),
-        (3, [7, 5, 3]),
+        (63, [255, 201, 159, 127, 99, 79, 63, 49, 39, 31, 23, 19, 15]),
+        (31, [127, 99, 79, 63, 49, 39, 31, 23, 19, 15, 11, 9, 7]),
+        (9, [39, 29, 23, 19, 13, 11, 9, 5, 3]),
+        (5, [23, 17, 13, 11, 7, 5, 3]),
+        (3, [15, 11, 9, 7, 5, 3]),
         (1, []),
     ],
 )
@@ -151,7 +151,7 @@ def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, m
     before, finished = kept(site.folder / "distilled")
     assert len(before) == 2
     assert not finished
-    assert made == [(63, site.seed), (63, site.seed + 1)]
+    assert made == [(31, site.seed), (31, site.seed + 1)]
     monkeypatch.setattr(
         road, "distill_policy", lambda *_, max_nodes, seed, **__: balanced(max_nodes, seed % 7)
     )

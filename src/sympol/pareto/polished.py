@@ -1,8 +1,8 @@
 """In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
 
-A tree is pruned by return to four times the limit, and its numbers are polished (`sympol.refine.polish`); then the same with
-four fifths of the nodes, from the tree before, and so on down to a quarter of the limit: what little pruning loses at
-once, polishing wins back. So what is asked for comes out of trees that had room.
+A tree of up to four times the limit is polished (`sympol.refine.polish`), pruned by return to four fifths of its nodes,
+polished again, and so on down to a quarter of the limit: what little pruning loses at once, polishing wins back. So what
+is asked for comes out of trees that had room.
 
 Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
 """
@@ -72,7 +72,7 @@ class Stage:
 
 
 def stages(max_nodes: int) -> list[Stage]:
-    """From four times the limit, ever smaller sizes down to a quarter of it, as long as there is a question to polish."""
+    """From four times the limit down to a quarter of it, as long as there is a question to polish."""
     ratios = ABOVE * 2.0 ** (-np.arange(4 * STEPS + 1) / STEPS)
     leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
     sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
