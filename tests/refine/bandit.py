@@ -22,7 +22,7 @@ class Bandit(Arena):
     ) -> None:
         spec: Any = SimpleNamespace(
             name="bandit",
-            env=None if hosted else object(),
+            backend="host" if hosted else "jax",
             features=SimpleNamespace(names=teacher.feature_names),
             actions=teacher.actions,
         )
