@@ -214,7 +214,7 @@ def test_what_fits_only_with_its_preset_is_taken():
 def test_every_field_is_a_flag(tmp_path, monkeypatch, algorithm, policy):
     """Each is set to something new; the last check stops the command before it trains."""
     given: dict[str, object] = {"surrogate": "softsign", "critic": policy, "depth": 4, "growth": 16}
-    given |= {"num_envs": 6, "num_devices": 3}
+    given |= {"num_envs": 6, "num_devices": 3, "threshold_init": "visited"}
     given |= {"critic_hidden": (7, 9), "actor_hidden": (5, 3), "algorithm": algorithm, "policy": policy}
     new, words = {}, []
     for field in dataclasses.fields(Config):
