@@ -1,7 +1,7 @@
 """In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
 
-A tree of up to four times the limit is polished (`sympol.refine.polish`), pruned by return to four fifths of its nodes,
-polished again, and so on down to a quarter of the limit: what little pruning loses at once, polishing wins back. So
+A tree of twice the limit is polished (`sympol.refine.polish`), pruned by return to four fifths of its nodes, polished
+again, and so on down to a quarter of the limit: what little pruning loses at once, polishing wins back. So
 what is asked for comes out of trees that had room.
 
 Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
@@ -26,10 +26,10 @@ from .site import Site, chained
 
 STEPS = 3
 """In which a tree loses half of its nodes."""
-ABOVE = 4
+ABOVE = 2
 """How large the first trees are, in limits."""
-LIMIT_PART = 2
-"""How long trees of the limit are polished, in the time that each other size has."""
+LIMIT_PART, ABOVE_PART = 2.0, 0.5
+"""How long trees of the limit are polished, and each size above it, in the time that each size below it has."""
 STARTS = 2
 """Trees that are polished side by side at first."""
 FIRST, LAST = 32, 128
@@ -72,11 +72,11 @@ class Stage:
 
 
 def stages(max_nodes: int) -> list[Stage]:
-    """From four times the limit down to a quarter of it, as long as there is a question to polish."""
-    ratios = ABOVE * 2.0 ** (-np.arange(4 * STEPS + 1) / STEPS)
+    """From twice the limit down to a quarter of it, as long as there is a question to polish."""
+    ratios = ABOVE * 2.0 ** (-np.arange(3 * STEPS + 1) / STEPS)
     leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
     sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
-    parts = [LIMIT_PART if size == max_nodes else 1 for size in sizes]
+    parts = [LIMIT_PART if size == max_nodes else ABOVE_PART if size > max_nodes else 1.0 for size in sizes]
     return [
         Stage(size, end, parts[i] / sum(parts[i:]), FAR + i * APART)
         for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True))
