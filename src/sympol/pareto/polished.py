@@ -1,8 +1,8 @@
 """In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
 
 A tree of twice the limit is polished (`sympol.refine.polish`), pruned by return to four fifths of its nodes, polished
-again, and so on down to a quarter of the limit: what little pruning loses at once, polishing wins back. So
-what is asked for comes out of trees that had room.
+again, and so on down to a quarter of the limit: what little pruning loses at once, polishing wins back. So what is
+asked for comes out of trees that had room.
 
 Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
 """
