@@ -84,13 +84,8 @@ def test_all_roads_lead_to_a_front(tmp_path):
     )
     front = search(plan, tmp_path / "all")
     roads = {candidate.road for candidate in front.candidates}
-    found = {
-        "scratch + shrink",
-        "teacher + shrink",
-        "teacher + polish + shrink",
-        "scratch + teacher + evolve",
-    }
-    assert found <= roads
+    # what is distilled has at most twice the limit, and is polished before it loses anything
+    assert {"scratch + shrink", "teacher + polish + shrink", "scratch + teacher + evolve"} <= roads
     assert front.best().test.mean > 450
     assert front.spent.teacher_steps > 0
     for run in ("scratch/0/run", "teacher/0/teacher"):
