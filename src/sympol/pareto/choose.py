@@ -21,9 +21,9 @@ from .plan import Plan
 
 TEST_SEED = 1
 """Of test episodes, as of `sympol train`."""
-EPISODES = {"jax": (256, 2048), "native": (64, 1024), "host": (8, 64)}
+EPISODES = {"jax": (256, 2048), "native": (32, 512), "host": (8, 64)}
 """Of validation: for all that was found, and for the best of each size."""
-FINALISTS = {"jax": 4, "native": 4, "host": 2}
+FINALISTS = {"jax": 4, "native": 2, "host": 2}
 """Of each size."""
 
 
