@@ -8,7 +8,8 @@
 | test episodes | odd | parity (`episode_seed`) |
 
 A training and its validations draw from streams of their own (`purpose_key`, `host_seed`). Compiled environments have
-no seeds that could be met on the host: they draw from JAX's keys, and every test is played on Gymnasium.
+no seeds that could be met on the host: they draw from JAX's keys, machine code from a generator of its own, and every
+test is played on Gymnasium.
 """
 
 from __future__ import annotations

@@ -32,13 +32,11 @@ def engines(actions: Shaped[ndarray, "*batch"] | Shaped[ndarray, "*batch 2"]) ->
     """What an action sets going: one of four, or two numbers between -1 and 1."""
     if actions.dtype.kind in "iu":
         return _BY_ACTION[actions]
-    main, side = (
-        np.clip(actions.astype(np.float64), -1, 1)[..., 0],
-        np.clip(actions.astype(np.float64), -1, 1)[..., 1],
+    wanted = np.clip(actions.astype(np.float64), -1, 1)
+    main, side = wanted[..., 0], wanted[..., 1]
+    return np.stack(
+        [np.where(main > 0, (main + 1) * 0.5, 0.0), np.where(np.abs(side) > 0.5, side, 0.0)], axis=-1
     )
-    main = np.where(main > 0, (np.clip(main, 0, 1) + 1) * 0.5, 0.0)
-    side = np.where(np.abs(side) > 0.5, np.sign(side) * np.clip(np.abs(side), 0.5, 1.0), 0.0)
-    return np.stack([main, side], axis=-1)
 
 
 class Flights:
