@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 
 import pytest
 from distributed import Client
@@ -63,6 +64,37 @@ def test_a_worker_killed_in_the_middle_loses_nothing(cluster):
 
     run_tasks(tasks, scheduler=cluster.address, on_done=done)
     assert found == results([task(f"t{x}", "square", x=x) for x in range(18)], progress=False)
+
+
+def test_results_that_die_with_their_worker_are_computed_again(cluster):
+    cluster.hire()
+    victim = cluster.workers[-1]
+    tasks = [task(f"t{x}", "square", x=x, seconds=0.05) for x in range(12)]
+    found = {}
+
+    def done(task, result):
+        found[task.name] = result
+        if len(found) == 1:
+            with Client(cluster.address, set_as_default=False) as client:
+                workers = _workers(client)
+                _wait_until(lambda: not any(client.processing().values()))
+                assert all(client.has_what().values())
+                kill(victim)
+                _wait_until(lambda: len(_workers(client)) < len(workers))
+
+    run_tasks(tasks, scheduler=cluster.address, on_done=done)
+    assert found == results([task(f"t{x}", "square", x=x) for x in range(12)], progress=False)
+
+
+def _workers(client):
+    return client.scheduler_info(n_workers=-1)["workers"]
+
+
+def _wait_until(true):
+    end = time.monotonic() + 30
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 @pytest.mark.usefixtures("code_as_it_is_now")

@@ -78,13 +78,16 @@ def _collect(cluster: _Cluster, futures: dict[Future, Task], retries: int, board
     lost = dict.fromkeys((task.name for task in futures.values()), 0)
     completed = as_completed([*futures], loop=cluster.client.loop)
     for future in completed:
+        if future.status in ("lost", "pending"):  # its worker died with the result: the scheduler does it again
+            completed.add(future)
+            continue
         task = futures.pop(future)
         if future.status == "finished":
             threads: Any = cluster.client.nthreads()
             board.parallel = max(sum(threads.values()), 1)
             board.answer(task, _checked(future.result(), cluster.ours))
             continue
-        if future.status in ("cancelled", "lost"):
+        if future.status == "cancelled":
             raise SchedulerError(
                 f"the scheduler at {cluster.address} went away, or was told to cancel {task.name!r}; {board.done} of "
                 f"{board.total} tasks are done and kept: start it again (dask scheduler), and the same command goes "
