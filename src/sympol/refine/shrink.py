@@ -58,7 +58,7 @@ class Effort(NamedTuple):
 
 COMPILED = Effort(candidates=64, first=32, last=512, watched=64)
 """Where an arena plays millions of steps a second."""
-NATIVE = Effort(candidates=32, first=16, last=128, watched=64)
+NATIVE = Effort(candidates=64, first=8, last=256, watched=64)
 """Where it plays a hundred thousand."""
 HOSTED = Effort(candidates=24, first=16, last=64, watched=32)
 """Where the host steps the environment."""
