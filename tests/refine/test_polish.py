@@ -108,13 +108,13 @@ def test_where_halves_hardly_agree_there_are_more_episodes_and_where_they_do_few
     rng = np.random.default_rng(0)
     enough = Enough(8)
     numbers = []
-    for difference in (0.0, 0.0, 0.0, 0.0, 0.0, 10.0, 10.0):
+    for difference in (0.0, 0.0, 0.0, 10.0, 10.0):
         for _ in range(LISTENED):
             assert not numbers or enough.episodes == numbers[-1]
             rows = difference * rng.normal(size=(20, 1)) + rng.normal(size=(20, enough.episodes))
             enough.hear([rows, rows])
         numbers.append(enough.episodes)
-    assert numbers == [16, 32, 64, 128, 8 * MOST, 64, 32]
+    assert numbers == [16, 8 * MOST, 8 * MOST, 16, 8]
 
 
 def test_episodes_too_few_to_halve_are_refused():
@@ -160,7 +160,7 @@ def test_where_nothing_is_left_to_gain_it_ends():
 def test_of_several_trees_those_go_on_that_can_be_made_more_of():
     """The wrong questions are better at first, and polished they are not."""
     wrong = replace(OFF, feature=np.where(OFF.feature == 0, 2, OFF.feature))  # never asks about a
-    poor = tree_of([2.0, 1.5, -2.0], CHOICES, DiscreteActions(4))
+    poor = tree_of([1.2, 1.0, -1.0], CHOICES, DiscreteActions(4))
     arena = Bandit(TRUTH)
     assert mean(arena, wrong) > mean(arena, poor)
     found = polish([wrong, poor, wrong, wrong], arena, budget=Budget(steps=1_000_000))
