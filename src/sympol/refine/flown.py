@@ -25,8 +25,9 @@ class FlownArena(Arena):
         push = engines(answers(packed, self.spec))
         seeds = np.tile(self._seeds(episodes), len(trees))
         tree = np.repeat(np.arange(len(trees), dtype=np.int32), len(episodes))
-        parts = [slice(i, None, threads()) for i in range(threads())]  # each has some of every tree's
-        with ThreadPoolExecutor(len(parts)) as pool:
+        number = threads()
+        parts = [slice(i, None, number) for i in range(number)]  # each has some of every tree's
+        with ThreadPoolExecutor(number) as pool:
             flown = list(pool.map(lambda part: fly(packed, push, tree[part], seeds[part]), parts))
         returns, lengths = np.zeros(len(seeds), np.float32), np.zeros(len(seeds), np.int32)
         for part, (earned, took) in zip(parts, flown, strict=True):
