@@ -1,8 +1,8 @@
 """In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
 
-A tree of twice the limit is polished (`sympol.refine.polish`), pruned by return to four fifths of its nodes, polished
-again, and so on down to a quarter of the limit: what little pruning loses at once, polishing wins back. So what is
-asked for comes out of trees that had room.
+A tree of twice the limit is polished (`sympol.refine.polish`), pruned by return to the limit and polished again; then
+to four fifths of its nodes and polished again, and so on down to a quarter of the limit: what little pruning loses at
+once, polishing wins back. So what is asked for comes out of trees that had room.
 
 Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
 """
@@ -25,11 +25,11 @@ from .front import Spent
 from .site import Site, chained
 
 STEPS = 3
-"""In which a tree loses half of its nodes."""
+"""In which a tree within the limit loses half of its nodes."""
 ABOVE = 2
 """How large the first trees are, in limits."""
-LIMIT_PART, ABOVE_PART = 2.0, 0.5
-"""How long trees of the limit are polished, and each size above it, in the time that each size below it has."""
+LIMIT_PART, SMALL_PART = 2.0, 0.5
+"""How long trees of the limit are polished, and those of less than half of it, where others have 1."""
 STARTS = 2
 """Trees that are polished side by side at first."""
 FIRST, LAST = 32, 128
@@ -73,10 +73,12 @@ class Stage:
 
 def stages(max_nodes: int) -> list[Stage]:
     """From twice the limit down to a quarter of it, as long as there is a question to polish."""
-    ratios = ABOVE * 2.0 ** (-np.arange(3 * STEPS + 1) / STEPS)
+    ratios = np.array([ABOVE, *(2.0 ** (-np.arange(2 * STEPS + 1) / STEPS))])
     leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
     sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
-    parts = [LIMIT_PART if size == max_nodes else ABOVE_PART if size > max_nodes else 1.0 for size in sizes]
+    parts = [
+        LIMIT_PART if size == max_nodes else SMALL_PART if 2 * size < max_nodes - 1 else 1.0 for size in sizes
+    ]
     return [
         Stage(size, end, parts[i] / sum(parts[i:]), FAR + i * APART)
         for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True))
