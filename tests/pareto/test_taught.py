@@ -45,11 +45,11 @@ def balanced(n: int, threshold: float = 0.0) -> DecisionTree:
 @pytest.mark.parametrize(
     ("max_nodes", "sizes"),
     [
-        (63, [127, 99, 79, 63, 49, 39, 31, 23, 19, 15]),
-        (31, [63, 49, 39, 31, 23, 19, 15, 11, 9, 7]),
-        (9, [19, 13, 11, 9, 5, 3]),
-        (5, [11, 7, 5, 3]),
-        (3, [7, 5, 3]),
+        (63, [127, 63, 49, 39, 31, 23, 19, 15]),
+        (31, [63, 31, 23, 19, 15, 11, 9, 7]),
+        (9, [19, 9, 5, 3]),
+        (5, [11, 5, 3]),
+        (3, [7, 3]),
         (1, []),
     ],
 )
@@ -67,8 +67,9 @@ def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int):
         spent.append(rest * stage.part)
         rest -= spent[-1]
     assert rest == pytest.approx(0)
-    # what is asked for has twice the time, what is larger half of it
-    times = [2 if stage.nodes == max_nodes else 0.5 if stage.nodes > max_nodes else 1 for stage in made]
+    # what is asked for has twice the time, what is less than half as large half of it
+    half = (max_nodes - 1) / 2
+    times = [2 if stage.nodes == max_nodes else 0.5 if stage.nodes < half else 1 for stage in made]
     assert spent == pytest.approx([time / sum(times) for time in times])
     assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
     assert made[0].first_episode == FAR

@@ -3,9 +3,9 @@
 1. A teacher is trained, or given.
 2. It is distilled into several trees that may be four times as large as those asked for: what a large tree earns, a
    small one pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
-3. The best two are pruned by return to twice the limit and polished, which leaves the better one, pruned by a fifth,
-   polished again, and so on to the limit and below (`sympol.pareto.polished`): CART puts thresholds where the
-   teacher's answers change, and not where the tree, which is cruder, had better change its own.
+3. The best two are pruned by return to twice the limit and polished, which leaves the better one, pruned to the limit,
+   polished again, and so on below (`sympol.pareto.polished`): CART puts thresholds where the teacher's answers change,
+   and not where the tree, which is cruder, had better change its own.
 
 Each tree is kept when it is there. What is done is not done again.
 """
