@@ -20,6 +20,8 @@ _FAR = 8.0
 """Points from a mark from which on a label is led to it."""
 _STRAY = 200.0
 """Pixels squared that a label rather covers than to look like another mark's."""
+_WORDS = 10
+"""How much worse it is to cover another label than a mark."""
 
 
 class Label(NamedTuple):
@@ -40,7 +42,7 @@ def place_labels(ax: Axes, labels: list[Label]) -> None:
     figure = ax.figure.canvas.figure
     figure.draw_without_rendering()  # a text's size is known once it has been laid out
     pixels = figure.dpi / 72
-    taken = _marks(ax, labels, pixels)
+    marks, written = _marks(ax, labels, pixels), np.empty((0, 4))
     owners = ax.transData.transform([(np.inf if label.x is None else label.x, label.y) for label in labels])
     for own, label in enumerate(labels):
         text = ax.text(0, 0, label.words, size=_SIZE, color=label.colour, ha="center", va="center", zorder=5)
@@ -48,7 +50,10 @@ def place_labels(ax: Axes, labels: list[Label]) -> None:
         half = np.array([extent.width, extent.height]) / 2
         centres = _places(ax, label, half, pixels)
         costs = [
-            _covered(centre, half, taken, ax) + _STRAY * _is_astray(centre, half, owners, own)
+            _outside(centre, half, ax)
+            + _covered(centre, half, marks)
+            + _WORDS * _covered(centre, half, written)
+            + _STRAY * _is_astray(centre, half, owners, own)
             for centre in centres
         ]
         best = centres[int(np.argmin(costs))]
@@ -58,7 +63,7 @@ def place_labels(ax: Axes, labels: list[Label]) -> None:
         near = np.clip(owners[own], best - half, best + half)
         if _FAR * pixels < np.linalg.norm(near - owners[own]) < np.inf:
             _lead(ax, owners[own], near, label.colour)
-        taken = np.concatenate([taken, [[*(best - half), *(best + half)]]])
+        written = np.concatenate([written, [[*(best - half), *(best + half)]]])
 
 
 def _lead(ax: Axes, start: np.ndarray, end: np.ndarray, colour: str) -> None:
@@ -101,8 +106,10 @@ def _places(ax: Axes, label: Label, half: np.ndarray, pixels: float) -> list[np.
         above = [1, -1]
         return [np.array([x, y + side * (half[1] + 1.5 * pixels)]) for x in along for side in above]
     at = ax.transData.transform((label.x, label.y))
-    ways = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)])
-    gaps = np.array([5, 11, 18, 26]) * pixels
+    ways = np.array(
+        [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (-0.7, -1), (0.7, -1)]
+    )
+    gaps = np.array([5, 11, 18, 26, 36, 50, 70]) * pixels
     return [at + way * (half + gap) for gap in gaps for way in ways]
 
 
@@ -112,15 +119,14 @@ def _is_astray(centre: np.ndarray, half: np.ndarray, owners: Float[np.ndarray, "
     return bool(np.isfinite(away[own]) and away[own] > away.min())
 
 
-def _covered(centre: np.ndarray, half: np.ndarray, taken: Float[np.ndarray, "boxes 4"], ax: Axes) -> float:
-    """How much of other things a label covers, in pixels squared; outside the panel counts most."""
+def _outside(centre: np.ndarray, half: np.ndarray, ax: Axes) -> float:
+    """How much of a label is outside the panel, a hundredfold, in pixels squared."""
+    panel = np.array([[*ax.bbox.min, *ax.bbox.max]])
+    return 100 * (round(float(4 * half.prod()), 3) - _covered(centre, half, panel))
 
-    def shared(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        both = np.minimum(centre + half, high) - np.maximum(centre - half, low)
-        return np.maximum(both, 0).prod(axis=-1)
 
-    inside = shared(np.array(ax.bbox.min), np.array(ax.bbox.max))
-    covered = shared(taken[:, :2], taken[:, 2:]).sum() + 100 * (4 * half.prod() - inside)
-    return round(
-        float(covered), 3
-    )  # what is nothing must be the same nothing everywhere: the nearest place wins
+def _covered(centre: np.ndarray, half: np.ndarray, boxes: Float[np.ndarray, "boxes 4"]) -> float:
+    """How much of other things a label covers, in pixels squared."""
+    both = np.minimum(centre + half, boxes[:, 2:]) - np.maximum(centre - half, boxes[:, :2])
+    # what is nothing must be the same nothing everywhere: the nearest place wins
+    return round(float(np.maximum(both, 0).prod(axis=-1).sum()), 3)
