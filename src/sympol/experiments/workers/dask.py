@@ -78,11 +78,8 @@ def _collect(cluster: _Cluster, futures: dict[Future, Task], retries: int, board
     lost = dict.fromkeys((task.name for task in futures.values()), 0)
     completed = as_completed([*futures], loop=cluster.client.loop)
     for future in completed:
-        if future.status in (
-            "lost",
-            "pending",
-        ):  # its worker died with the result: the scheduler does it again
-            completed.add(future)
+        if future.status in ("lost", "pending"):
+            completed.add(future)  # its worker died with the result: the scheduler does it again
             continue
         task = futures.pop(future)
         if future.status == "finished":
