@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 
 import pytest
 from distributed import Client
@@ -14,7 +13,7 @@ from sympol.experiments.workers.task import fingerprint
 
 from .cluster import Cluster, kill
 from .tasks import task
-from .test_workers import results
+from .test_workers import results, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -77,10 +76,10 @@ def test_results_that_die_with_their_worker_are_computed_again(cluster):
         if len(found) == 1:
             with Client(cluster.address, set_as_default=False) as client:
                 workers = _workers(client)
-                _wait_until(lambda: not any(client.processing().values()))
+                wait_until(lambda: not any(client.processing().values()))
                 assert all(client.has_what().values())
                 kill(victim)
-                _wait_until(lambda: len(_workers(client)) < len(workers))
+                wait_until(lambda: len(_workers(client)) < len(workers))
 
     run_tasks(tasks, scheduler=cluster.address, on_done=done)
     assert found == results([task(f"t{x}", "square", x=x) for x in range(12)], progress=False)
@@ -88,13 +87,6 @@ def test_results_that_die_with_their_worker_are_computed_again(cluster):
 
 def _workers(client):
     return client.scheduler_info(n_workers=-1)["workers"]
-
-
-def _wait_until(true):
-    end = time.monotonic() + 30
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 @pytest.mark.usefixtures("code_as_it_is_now")
