@@ -146,3 +146,15 @@ def test_scores_are_those_of_playing_in_whatever_order_they_are_asked_for():
     np.testing.assert_array_equal(scores.of(trees[3], 2), want[3][:2])
     played = sum(number * len(episodes) for number, episodes in arena.calls)
     assert played == 4 * 9
+
+
+def test_scores_are_the_same_by_whomever_trees_are_like():
+    rng = np.random.default_rng(6)
+    trees = [random_tree(rng, DiscreteActions(3)) for _ in range(4)]
+    arena = Bandit(trees[0])
+    scores = Scores(arena, 7)
+    scores.of(trees[0], 6)  # further than the others have come
+    scores.of_all(trees[:3], 2, like=trees[0])
+    scores.of_all(trees[1:], 4, like=trees[1])
+    want = [arena.returns_of(tree, range(7, 16)) for tree in trees]
+    np.testing.assert_array_equal(scores.of_all(trees, 9, like=trees[0]), want)

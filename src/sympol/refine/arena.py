@@ -59,14 +59,19 @@ class Arena(abc.ABC):
         """
         self._check(trees, episodes)
         played = self._play(trees, episodes)
-        self.steps += int(played.lengths.sum(dtype=np.int64))
-        if not np.isfinite(played.returns).all():
-            tree, episode = np.argwhere(~np.isfinite(played.returns))[0]
-            raise EnvironmentFailure(
-                f"{self.spec.name} returned rewards whose sum is not finite in float32: tree {tree} in episode "
-                f"{episodes[episode]} got {played.returns[tree, episode]}"
-            )
-        return played
+        return self._checked(played, episodes, int(played.lengths.sum(dtype=np.int64)))
+
+    def play_changed(self, tree: DecisionTree, others: Sequence[DecisionTree], episodes: range) -> Played:
+        """As `play` of the tree and the others, in this order, for others that mostly do what it does.
+
+        Where an arena can, what they do alike is played once, and counts once.
+
+        Raises:
+            ValueError, EnvironmentFailure: as `play` does.
+        """
+        self._check([tree, *others], episodes)
+        played, steps = self._play_changed([tree, *others], episodes)
+        return self._checked(played, episodes, steps)
 
     def observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
         """The observations that a tree acts on in these episodes, one row a step, one episode after the other.
@@ -78,6 +83,16 @@ class Arena(abc.ABC):
         seen = self._observe(tree, episodes)
         self.steps += len(seen)
         return seen
+
+    def _checked(self, played: Played, episodes: range, steps: int) -> Played:
+        self.steps += steps
+        if not np.isfinite(played.returns).all():
+            tree, episode = np.argwhere(~np.isfinite(played.returns))[0]
+            raise EnvironmentFailure(
+                f"{self.spec.name} returned rewards whose sum is not finite in float32: tree {tree} in episode "
+                f"{episodes[episode]} got {played.returns[tree, episode]}"
+            )
+        return played
 
     def _check(self, trees: Sequence[DecisionTree], episodes: range) -> None:
         if not trees or not episodes:
@@ -101,6 +116,11 @@ class Arena(abc.ABC):
 
     @abc.abstractmethod
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played: ...
+
+    def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
+        """And how many steps that took; most do what the first does."""
+        played = self._play(trees, episodes)
+        return played, int(played.lengths.sum(dtype=np.int64))
 
     @abc.abstractmethod
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]: ...

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from ..envs.lunar_lander.flights import engines, fly, watch
+from ..envs.lunar_lander.flights import engines, fly, fly_changed, watch
 from ..play import episode_seed
 from ..threads import threads
 from ..trees import DecisionTree
@@ -34,6 +34,18 @@ class FlownArena(Arena):
             returns[part], lengths[part] = earned, took
         shape = len(trees), len(episodes)
         return Played(returns.reshape(shape), lengths.reshape(shape))
+
+    def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
+        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        push, seeds, number = engines(answers(packed, self.spec)), self._seeds(episodes), threads()
+        parts = [slice(i, None, number) for i in range(number)]
+        with ThreadPoolExecutor(number) as pool:
+            flown = list(pool.map(lambda part: fly_changed(packed, push, seeds[part]), parts))
+        shape = len(trees), len(seeds)
+        played = Played(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
+        for part, (earned, took, _) in zip(parts, flown, strict=True):
+            played.returns[:, part], played.lengths[:, part] = earned, took
+        return played, sum(steps for *_, steps in flown)
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
         packed = Packed.of([tree], 1, tree.n_nodes)

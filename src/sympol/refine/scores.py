@@ -22,8 +22,13 @@ class Scores:
         """Of one tree, in the first ``number`` episodes."""
         return self.of_all([tree], number)[0]
 
-    def of_all(self, trees: Sequence[DecisionTree], number: int) -> Float32[np.ndarray, "trees episodes"]:
-        """Of many trees, in the first ``number`` episodes; they play together those that they have not played."""
+    def of_all(
+        self, trees: Sequence[DecisionTree], number: int, *, like: DecisionTree | None = None
+    ) -> Float32[np.ndarray, "trees episodes"]:
+        """Of many trees, in the first ``number`` episodes; they play together those that they have not played.
+
+        ``like`` is a tree that most of them mostly do as, if there is one: see `Arena.play_changed`.
+        """
         by_played: dict[int, dict[DecisionTree, None]] = {}
         for tree in trees:
             played = len(self._known.get(tree, ()))
@@ -31,8 +36,14 @@ class Scores:
                 by_played.setdefault(played, {})[tree] = None
         for played, some in by_played.items():
             more = range(self.first_episode + played, self.first_episode + number)
-            returns = self.arena.play(list(some), more).returns
-            for tree, new in zip(some, returns, strict=True):
-                known = self._known[tree] if played else new[:0]
-                self._known[tree] = np.concatenate([known, new])
+            playing = [tree for tree in some if tree != like]
+            if like is None:
+                returns = self.arena.play(playing, more).returns
+            else:
+                returns = self.arena.play_changed(like, playing, more).returns
+                playing.insert(0, like)
+            for tree, new in zip(playing, returns, strict=True):
+                if tree in some:
+                    known = self._known[tree] if played else new[:0]
+                    self._known[tree] = np.concatenate([known, new])
         return np.stack([self._known[tree][:number] for tree in trees])

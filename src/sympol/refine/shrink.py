@@ -4,8 +4,8 @@ Exact pruning (`DecisionTree.prune`) keeps every action. Pruning by return keeps
 
 1. what none of the observed episodes needs goes: sides that nobody visits, splits that change no action there;
 2. else one cut is made (`sympol.refine.cuts`), the one that costs least. All promising cuts play a few episodes, the
-   better half of them twice as many, and so on (successive halving, Jamieson and Talwalkar 2016), always the same
-   episodes as the tree that is cut. While the tree is large, a step makes several cuts at once.
+   better half of them twice as many, and so on (`sympol.refine.race`). While the tree is large, a step makes several
+   cuts at once.
 
 What the step brings is then measured in other episodes, by which nothing was chosen.
 """
@@ -22,7 +22,8 @@ from jaxtyping import Float32
 from ..trees import DecisionTree
 from .arena import Arena
 from .cuts import Cut, cut_at, cuts
-from .paired import compare_trees, looks
+from .paired import compare_trees
+from .race import race
 from .scores import Scores
 
 SINGLY = 31
@@ -58,7 +59,7 @@ class Effort(NamedTuple):
 
 COMPILED = Effort(candidates=64, first=32, last=512, watched=64)
 """Where an arena plays millions of steps a second."""
-NATIVE = Effort(candidates=64, first=8, last=256, watched=64)
+NATIVE = Effort(candidates=64, first=16, last=512, watched=64)
 """Where it plays a hundred thousand."""
 HOSTED = Effort(candidates=24, first=16, last=64, watched=32)
 """Where the host steps the environment."""
@@ -219,16 +220,14 @@ class _Way:
         self, tree: DecisionTree, some: Sequence[Cut], keep: int, node_price: float = 0.0
     ) -> list[tuple[float, Cut]]:
         """The cuts that cost least, with their losses, after rounds that halve their number until ``keep`` are left."""
-        field = [(0.0, cut) for cut in some[: self.effort.candidates]]
-        for number in looks(self.effort.first, self.effort.last):
-            trees = [tree, *(cut_at(tree, [cut]) for _, cut in field)]
-            means = self.race.of_all(trees, number).mean(axis=1, dtype=np.float64)
-            field = [(float(means[0] - mean), cut) for mean, (_, cut) in zip(means[1:], field, strict=True)]
-            field.sort(key=lambda each: (each[0] - node_price * each[1].removed, -each[1].removed))
-            if len(field) <= keep or number == self.effort.last:
-                break
-            field = field[: max(keep, len(field) // 2)]
-        return field
+        some = some[: self.effort.candidates]
+
+        def key(loss: float, i: int) -> tuple[float, int]:
+            return loss - node_price * some[i].removed, -some[i].removed
+
+        others = [cut_at(tree, [cut]) for cut in some]
+        found = race(self.race, tree, others, keep=keep, **self._looks, key=key)
+        return [(loss, some[i]) for loss, i in found]
 
     def _judged(self, tree: DecisionTree) -> Shrunk:
         """Exactly pruned, with its returns."""

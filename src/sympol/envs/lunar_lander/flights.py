@@ -81,6 +81,26 @@ def watch(
     return seen[: lengths.sum()]
 
 
+def fly_changed(
+    trees: Any, push: Float64[ndarray, "trees nodes 2"], seeds: UInt64[ndarray, " episodes"]
+) -> tuple[Float64[ndarray, "trees episodes"], Int32[ndarray, "trees episodes"], int]:
+    """As `fly`, every tree in every episode, where most do as the first does: what they do alike is flown once.
+
+    Also how many steps that took.
+    """
+    shape = len(push), len(seeds)
+    returns, lengths, steps = np.zeros(shape), np.zeros(shape, np.int32), np.zeros(1, np.int64)
+    arrays = trees.feature, trees.threshold, trees.left, trees.right
+    first, others = landings(1), landings(len(push))
+    _fly_changed(first, others, _bytes(first), _bytes(others), *arrays, push, seeds, returns, lengths, steps)
+    return returns, lengths, int(steps[0])
+
+
+def _bytes(all_landings: Landing) -> tuple[ndarray, ...]:
+    """The same memory, a row for each landing."""
+    return tuple(part.reshape(len(part), -1).view(np.uint8) for part in all_landings)
+
+
 @compiled
 def _one(all_landings, i):
     return Landing(
@@ -113,6 +133,14 @@ def _step(all_landings, push, wanted, seen, following, reward, over):
 
 
 @compiled
+def _leaf(feature, threshold, left, right, t, x):
+    node = 0
+    while left[t, node] != node:
+        node = left[t, node] if x[feature[t, node]] <= threshold[t, node] else right[t, node]
+    return node
+
+
+@compiled
 def _fly(all_landings, feature, threshold, left, right, push, tree, seeds, returns, lengths, seen):
     landing, x = _one(all_landings, 0), np.zeros(FEATURES, np.float32)
     row = 0
@@ -124,11 +152,83 @@ def _fly(all_landings, feature, threshold, left, right, push, tree, seeds, retur
             if row < len(seen):
                 seen[row] = x
                 row += 1
-            node = 0
-            while left[t, node] != node:
-                node = left[t, node] if x[feature[t, node]] <= threshold[t, node] else right[t, node]
+            node = _leaf(feature, threshold, left, right, t, x)
             reward, terminated, truncated = step(landing, push[t, node, 0], push[t, node, 1], x)
             total += reward
             lengths[job] += 1
             over = terminated or truncated
         returns[job] = total
+
+
+@compiled
+def _fly_changed(
+    first,
+    others,
+    first_bytes,
+    others_bytes,
+    feature,
+    threshold,
+    left,
+    right,
+    push,
+    seeds,
+    returns,
+    lengths,
+    steps,
+):
+    number = len(push)
+    landing, x, seen = (
+        _one(first, 0),
+        np.zeros(FEATURES, np.float32),
+        np.zeros((number, FEATURES), np.float32),
+    )
+    alike, alone = np.zeros(number, np.int64), np.zeros(number, np.int64)
+    for episode in range(len(seeds)):
+        start(landing, seeds[episode], x)
+        total, length, over = 0.0, 0, False
+        together, apart = number, 0
+        for t in range(number):
+            alike[t] = t
+        while not over:
+            node = _leaf(feature, threshold, left, right, 0, x)
+            still = 0
+            for i in range(together):
+                t = alike[i]
+                its = _leaf(feature, threshold, left, right, t, x)
+                if push[t, its, 0] == push[0, node, 0] and push[t, its, 1] == push[0, node, 1]:
+                    alike[still] = t
+                    still += 1
+                    continue
+                for part in range(len(first_bytes)):  # from here on it flies alone
+                    others_bytes[part][t] = first_bytes[part][0]
+                seen[t], returns[t, episode], lengths[t, episode] = x, total, length
+                alone[apart] = t
+                apart += 1
+            together = still
+            reward, terminated, truncated = step(landing, push[0, node, 0], push[0, node, 1], x)
+            total += reward
+            length += 1
+            over = terminated or truncated
+        for i in range(together):
+            returns[alike[i], episode], lengths[alike[i], episode] = total, length
+        steps[0] += length
+        for i in range(apart):
+            t = alone[i]
+            before = lengths[t, episode]
+            arrays = feature, threshold, left, right, push
+            total, length = _fly_on(_one(others, t), *arrays, t, seen[t], returns[t, episode], before)
+            returns[t, episode], lengths[t, episode] = total, length
+            steps[0] += length - before
+
+
+@compiled
+def _fly_on(landing, feature, threshold, left, right, push, t, x, total, length):
+    """To the end of an episode; the return and length of all of it."""
+    over = False
+    while not over:
+        node = _leaf(feature, threshold, left, right, t, x)
+        reward, terminated, truncated = step(landing, push[t, node, 0], push[t, node, 1], x)
+        total += reward
+        length += 1
+        over = terminated or truncated
+    return total, length
