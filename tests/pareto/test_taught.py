@@ -67,9 +67,9 @@ def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int):
         spent.append(rest * stage.part)
         rest -= spent[-1]
     assert rest == pytest.approx(0)
-    # what is asked for has twice the time, what is less than half as large half of it
+    # what is asked for has four times the time, what is less than half as large half of it
     half = (max_nodes - 1) / 2
-    times = [2 if stage.nodes == max_nodes else 0.5 if stage.nodes < half else 1 for stage in made]
+    times = [4 if stage.nodes == max_nodes else 0.5 if stage.nodes < half else 1 for stage in made]
     assert spent == pytest.approx([time / sum(times) for time in times])
     assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
     assert made[0].first_episode == FAR

@@ -10,6 +10,8 @@ from sympol.envs.registry import resolve
 from sympol.play import episode_seed
 from sympol.refine.arena import make_arena
 from sympol.refine.flown import FlownArena
+from sympol.refine.sprouts import grown as planted
+from sympol.refine.sprouts import sprouts
 
 from .loops import SEED, grown
 
@@ -44,3 +46,27 @@ def test_threads_change_nothing(monkeypatch):
         played.append(make_arena(spec, SEED).play(trees, range(8)))
     for one, other in zip(*played, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["LunarLander-v3", "LunarLanderContinuous-v3"])
+def test_what_trees_do_alike_is_flown_once(name, monkeypatch):
+    monkeypatch.setenv("PJRT_NPROC", "2")
+    spec, episodes = resolve(name, backend="native"), range(90, 103)
+    tree = grown(spec, 20, 20)
+    seen = make_arena(spec, SEED).observe(tree, episodes)
+    rng = np.random.default_rng(0)
+    others = [planted(tree, [sprout]) for sprout in sprouts(tree, seen, 12, rng)]
+    others += [grown(spec, 3, 3), tree]
+    arena, whole = make_arena(spec, SEED), make_arena(spec, SEED)
+    played, expected = arena.play_changed(tree, others, episodes), whole.play([tree, *others], episodes)
+    for ours, theirs in zip(played, expected, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    # of each whatever comes after it first acted otherwise, and all of the first
+    alone, at = int(expected.lengths[0].sum()), np.cumsum([0, *expected.lengths[0]])
+    acted = tree.predict(seen)
+    for other, lengths in zip(others, expected.lengths[1:], strict=True):
+        differs = (other.predict(seen) != acted).reshape(len(seen), -1).any(axis=1)
+        for i, length in enumerate(lengths.tolist()):
+            where = np.flatnonzero(differs[at[i] : at[i + 1]])
+            alone += length - int(where[0]) if len(where) else 0
+    assert arena.steps == alone < whole.steps

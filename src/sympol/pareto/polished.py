@@ -2,7 +2,8 @@
 
 A tree of twice the limit is polished (`sympol.refine.polish`), pruned by return to the limit and polished again; then
 to four fifths of its nodes and polished again, and so on down to a quarter of the limit: what little pruning loses at
-once, polishing wins back. So what is asked for comes out of trees that had room.
+once, polishing wins back. So what is asked for comes out of trees that had room. And as what a tree asks limits how far
+it can be polished, it gets other questions (`sympol.refine.regrow`) for as long as its size has time.
 
 Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
 """
@@ -19,6 +20,8 @@ from ..envs.spec import EnvSpec
 from ..refine.arena import Arena, make_arena
 from ..refine.evolve import Budget
 from ..refine.polish import Polished, polish
+from ..refine.regrow import EPISODES as REGROWN
+from ..refine.regrow import regrow
 from ..trees import BoxActions, DecisionTree
 from .found import Found, keep, kept
 from .front import Spent
@@ -28,8 +31,10 @@ STEPS = 3
 """In which a tree within the limit loses half of its nodes."""
 ABOVE = 2
 """How large the first trees are, in limits."""
-LIMIT_PART, SMALL_PART = 2.0, 0.5
-"""How long trees of the limit are polished, and those of less than half of it, where others have 1."""
+LIMIT_PART, SMALL_PART = 4.0, 0.5
+"""How long trees of the limit have, and those of less than half of it, where others have 1."""
+POLISHING = 0.5
+"""Of a size's time, before it gets other questions; the largest has no others."""
 STARTS = 2
 """Trees that are polished side by side at first."""
 FIRST, LAST = 32, 128
@@ -40,6 +45,8 @@ EPISODES = {"jax": 64, "native": 32, "host": 16}
 """Of a generation of polishing, by what steps them."""
 APART = 1 << 25
 """Episodes of one size."""
+REGROWING_FROM, MOST_TURNS = 1 << 24, 16
+"""The first episode in which one size gets other questions, and how often it does at most."""
 
 
 def polished(site: Site, found: Sequence[Found], road: str) -> list[Found]:
@@ -104,19 +111,23 @@ def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Fou
     def tell(now: Polished) -> None:
         keep(folder, [Found(now.tree, road, spent())], finished=False)
 
-    so_far = spent()
-    better = polish(
-        starts,
-        arena,
-        budget=Budget(
-            (site.share.steps - road_so_far.steps) * stage.part - (so_far.steps - road_so_far.steps),
-            (site.share.seconds - road_so_far.seconds) * stage.part - (so_far.seconds - road_so_far.seconds),
-        ),
-        episodes=EPISODES[site.spec.backend],
-        first_episode=stage.first_episode,
-        seed=site.seed,
-        progress=tell,
-    )
+    def left(part: float) -> Budget:
+        """Of so much of the size's time."""
+        share, part, here = site.share, part * stage.part, spent()
+        return Budget(
+            (share.steps - road_so_far.steps) * part - (here.steps - road_so_far.steps),
+            (share.seconds - road_so_far.seconds) * part - (here.seconds - road_so_far.seconds),
+        )
+
+    how = {"episodes": EPISODES[site.spec.backend], "seed": site.seed}
+    at, polishing = stage.first_episode, POLISHING if stage.nodes <= site.plan.max_nodes else 1.0
+    better = polish(starts, arena, budget=left(polishing), first_episode=at, progress=tell, **how)
+    for turn in range(MOST_TURNS if polishing < 1 else 0):
+        budget, first = left(1.0), at + REGROWING_FROM + turn * REGROWN
+        if min(budget.steps, budget.seconds) <= 0:
+            break
+        better = regrow(better, arena, max_nodes=stage.nodes, budget=budget, first_episode=first, **how)
+        keep(folder, [Found(better, road, spent())], finished=False)
     more = chained(site, better, road, spent(), smallest=stage.next_nodes)
     keep(folder, more, finished=True)
     return more

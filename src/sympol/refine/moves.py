@@ -152,6 +152,14 @@ class Moves:
             case BoxActions():
                 return Leaf(tuple(rng.uniform(*self._range()).tolist()))
 
+    def other_answer(self, leaf: Leaf, rng: np.random.Generator) -> Leaf:
+        """Of discrete ones any, of continuous ones mostly one nearby."""
+        if not isinstance(self.actions, BoxActions) or rng.random() < 0.2:
+            return self.leaf(rng)
+        low, high = self._range()
+        step = rng.normal(size=low.shape) * (high - low) * 10 ** rng.uniform(-2.5, 0)
+        return Leaf(tuple((np.asarray(leaf.value) + step).clip(low, high).tolist()))
+
     def _change_once(self, root: Plain, others: Sequence[Plain], rng: np.random.Generator) -> Plain:
         everywhere = paths(root)
         splits = [(path, node) for path, node in everywhere if isinstance(node, Split)]
@@ -164,11 +172,11 @@ class Moves:
             return put(root, path, self._changed_split(split, kind, others, rng))
         path, leaf = leaves[rng.integers(len(leaves))]
         if kind == "answer":
-            return put(root, path, self._other_answer(leaf, rng))
+            return put(root, path, self.other_answer(leaf, rng))
         node: Plain = leaf
         if kind == "grow anywhere" and splits:
             path, node = everywhere[rng.integers(len(everywhere))]
-        left, right = node, self._other_answer(leaf, rng)
+        left, right = node, self.other_answer(leaf, rng)
         if rng.random() < 0.5:
             left, right = right, left
         return put(root, path, self._question(left, right, rng))
@@ -205,13 +213,6 @@ class Moves:
             return split.threshold + float(rng.normal()) * step
         at = int(np.searchsorted(values, split.threshold, side="right")) - 1 + int(rng.choice((-1, 1)))
         return self._gap(split.feature, min(max(at, 0), len(values) - 2))
-
-    def _other_answer(self, leaf: Leaf, rng: np.random.Generator) -> Leaf:
-        if not isinstance(self.actions, BoxActions) or rng.random() < 0.2:
-            return self.leaf(rng)
-        low, high = self._range()
-        step = rng.normal(size=low.shape) * (high - low) * 10 ** rng.uniform(-2.5, 0)
-        return Leaf(tuple((np.asarray(leaf.value) + step).clip(low, high).tolist()))
 
     def _range(self) -> tuple[Float[np.ndarray, " outputs"], Float[np.ndarray, " outputs"]]:
         """Bounds of continuous actions; one where there are none."""
