@@ -11,7 +11,7 @@ from sympol.refine.evolve import Budget
 from sympol.refine.grow import grow
 from sympol.refine.regrow import regrow
 from sympol.refine.shrink import Effort
-from sympol.refine.sprouts import Sprout, grown, sprouts
+from sympol.refine.sprouts import grown, sprouts
 from sympol.trees import DecisionTree
 from sympol.trees.edit import leaf_tree, subtree_end
 

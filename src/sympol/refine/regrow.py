@@ -72,9 +72,7 @@ def regrow(
     )
     if grown is tree:
         return tree
-    smaller = chain(grown, arena, smallest=max_nodes, first_episode=first_episode + SHRINKING_FROM)[
-        -1
-    ].tree
+    smaller = chain(grown, arena, smallest=max_nodes, first_episode=first_episode + SHRINKING_FROM)[-1].tree
     better = polish(
         [smaller],
         arena,
