@@ -59,17 +59,23 @@ def test_sizes_fall_step_by_step_as_long_as_there_is_a_question(max_nodes: int, 
     assert [stage.next_nodes for stage in made] == [*sizes[1:], 1][: len(sizes)]
 
 
-@pytest.mark.parametrize("max_nodes", [3, 7, 31, 63, 127])
-def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int):
+@pytest.mark.parametrize(
+    ("max_nodes", "times"),
+    [
+        (127, [1, 4, 1, 1, 2, 0.5, 0.5, 0.5]),
+        (63, [1, 4, 1, 1, 2, 0.5, 0.5, 0.5]),
+        (7, [1, 4, 1, 2]),
+        (3, [1, 4]),
+    ],
+)
+def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int, times: list[float]):
     made = stages(max_nodes)
     rest, spent = 1.0, []
     for stage in made:
         spent.append(rest * stage.part)
         rest -= spent[-1]
     assert rest == pytest.approx(0)
-    # what is asked for has four times the time, what is less than half as large half of it
-    half = (max_nodes - 1) / 2
-    times = [4 if stage.nodes == max_nodes else 0.5 if stage.nodes < half else 1 for stage in made]
+    # what is asked for has most, half of that twice as much as what is between them
     assert spent == pytest.approx([time / sum(times) for time in times])
     assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
     assert made[0].first_episode == FAR

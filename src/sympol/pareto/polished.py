@@ -31,9 +31,9 @@ STEPS = 3
 """In which a tree within the limit loses half of its nodes."""
 ABOVE = 2
 """How large the first trees are, in limits."""
-LIMIT_PART, SMALL_PART = 4.0, 0.5
-"""How long trees of the limit have, and those of less than half of it, where others have 1."""
-POLISHING = 0.5
+LIMIT_PART, HALF_PART, SMALL_PART = 4.0, 2.0, 0.5
+"""How long trees of the limit have, of half of it, and of less than that, where others have 1."""
+POLISHING = 0.25
 """Of a size's time, before it gets other questions; the largest has no others."""
 STARTS = 2
 """Trees that are polished side by side at first."""
@@ -83,13 +83,19 @@ def stages(max_nodes: int) -> list[Stage]:
     ratios = np.array([ABOVE, *(2.0 ** (-np.arange(2 * STEPS + 1) / STEPS))])
     leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
     sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
-    parts = [
-        LIMIT_PART if size == max_nodes else SMALL_PART if 2 * size < max_nodes - 1 else 1.0 for size in sizes
-    ]
+    parts = [_part(size, max_nodes) for size in sizes]
     return [
         Stage(size, end, parts[i] / sum(parts[i:]), FAR + i * APART)
         for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True))
     ]
+
+
+def _part(size: int, max_nodes: int) -> float:
+    """How long a size has."""
+    if size == max_nodes:
+        return LIMIT_PART
+    half = (max_nodes - 1) // 2
+    return 1.0 if size > half + 1 else HALF_PART if size >= half else SMALL_PART
 
 
 def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Found]:

@@ -1,7 +1,7 @@
 """Other questions for a tree that has as many as it may: it grows, is pruned back and polished.
 
 Polishing moves thresholds, but asks what was asked before; pruning only takes away. Together with growing they change
-what a tree asks, and it keeps its size: half as many nodes again are planted, and the least useful ones go, which need
+what a tree asks, and it keeps its size: a quarter more nodes are planted, and the least useful ones go, which need
 not be those that were planted.
 """
 
@@ -18,7 +18,7 @@ from .grow import grow
 from .polish import polish
 from .shrink import chain, effort_of
 
-GROWN = 1.5
+GROWN = 1.25
 """To how many times the limit a tree grows."""
 GROWING = 0.5
 """The part of a budget after which it grows no further."""
