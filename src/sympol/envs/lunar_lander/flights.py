@@ -65,8 +65,8 @@ def fly(
     """Whole episodes; returns and lengths. ``trees`` has feature, threshold, left and right ``[trees, nodes]``, where a
     leaf is its own child; ``tree`` says who flies which episode."""
     returns, lengths = np.zeros(len(seeds)), np.zeros(len(seeds), np.int32)
-    arrays = trees.feature, trees.threshold, trees.left, trees.right
-    _fly(landings(1), *arrays, push, tree, seeds, returns, lengths, np.zeros((0, FEATURES), np.float32))
+    asks = trees.feature, trees.threshold, trees.left, trees.right
+    _fly(landings(1), asks, push, tree, seeds, returns, lengths, np.zeros((0, FEATURES), np.float32))
     return returns, lengths
 
 
@@ -76,8 +76,8 @@ def watch(
     """What the first of the trees sees in whole episodes, one row a step."""
     seen = np.zeros((LIMIT * len(seeds), FEATURES), np.float32)
     tree, lengths = np.zeros(len(seeds), np.int32), np.zeros(len(seeds), np.int32)
-    arrays = trees.feature, trees.threshold, trees.left, trees.right
-    _fly(landings(1), *arrays, push, tree, seeds, np.zeros(len(seeds)), lengths, seen)
+    asks = trees.feature, trees.threshold, trees.left, trees.right
+    _fly(landings(1), asks, push, tree, seeds, np.zeros(len(seeds)), lengths, seen)
     return seen[: lengths.sum()]
 
 
@@ -90,9 +90,9 @@ def fly_changed(
     """
     shape = len(push), len(seeds)
     returns, lengths, steps = np.zeros(shape), np.zeros(shape, np.int32), np.zeros(1, np.int64)
-    arrays = trees.feature, trees.threshold, trees.left, trees.right
+    asks = trees.feature, trees.threshold, trees.left, trees.right
     first, others = landings(1), landings(len(push))
-    _fly_changed(first, others, _bytes(first), _bytes(others), *arrays, push, seeds, returns, lengths, steps)
+    _fly_changed(first, others, _bytes(first), _bytes(others), asks, push, seeds, returns, lengths, steps)
     return returns, lengths, int(steps[0])
 
 
@@ -133,7 +133,8 @@ def _step(all_landings, push, wanted, seen, following, reward, over):
 
 
 @compiled
-def _leaf(feature, threshold, left, right, t, x):
+def _leaf(asks, t, x):
+    feature, threshold, left, right = asks
     node = 0
     while left[t, node] != node:
         node = left[t, node] if x[feature[t, node]] <= threshold[t, node] else right[t, node]
@@ -141,47 +142,36 @@ def _leaf(feature, threshold, left, right, t, x):
 
 
 @compiled
-def _fly(all_landings, feature, threshold, left, right, push, tree, seeds, returns, lengths, seen):
-    landing, x = _one(all_landings, 0), np.zeros(FEATURES, np.float32)
-    row = 0
-    for job in range(len(seeds)):
-        t = tree[job]
-        start(landing, seeds[job], x)
-        total, over = 0.0, False
-        while not over:
-            if row < len(seen):
-                seen[row] = x
-                row += 1
-            node = _leaf(feature, threshold, left, right, t, x)
-            reward, terminated, truncated = step(landing, push[t, node, 0], push[t, node, 1], x)
-            total += reward
-            lengths[job] += 1
-            over = terminated or truncated
-        returns[job] = total
+def _fly_on(landing, asks, push, t, x, total, length, seen):
+    """A tree from what it sees now to the end; the return and length of all of the episode. Fills ``seen``, in so far
+    as there is room."""
+    row, over = 0, False
+    while not over:
+        if row < len(seen):
+            seen[row] = x
+            row += 1
+        node = _leaf(asks, t, x)
+        reward, terminated, truncated = step(landing, push[t, node, 0], push[t, node, 1], x)
+        total += reward
+        length += 1
+        over = terminated or truncated
+    return total, length
 
 
 @compiled
-def _fly_changed(
-    first,
-    others,
-    first_bytes,
-    others_bytes,
-    feature,
-    threshold,
-    left,
-    right,
-    push,
-    seeds,
-    returns,
-    lengths,
-    steps,
-):
+def _fly(all_landings, asks, push, tree, seeds, returns, lengths, seen):
+    landing, x, row = _one(all_landings, 0), np.zeros(FEATURES, np.float32), 0
+    for job in range(len(seeds)):
+        start(landing, seeds[job], x)
+        returns[job], lengths[job] = _fly_on(landing, asks, push, tree[job], x, 0.0, 0, seen[row:])
+        row += lengths[job]
+
+
+@compiled
+def _fly_changed(first, others, first_bytes, others_bytes, asks, push, seeds, returns, lengths, steps):
     number = len(push)
-    landing, x, seen = (
-        _one(first, 0),
-        np.zeros(FEATURES, np.float32),
-        np.zeros((number, FEATURES), np.float32),
-    )
+    landing, x = _one(first, 0), np.zeros(FEATURES, np.float32)
+    seen = np.zeros((number, FEATURES), np.float32)
     alike, alone = np.zeros(number, np.int64), np.zeros(number, np.int64)
     for episode in range(len(seeds)):
         start(landing, seeds[episode], x)
@@ -190,11 +180,11 @@ def _fly_changed(
         for t in range(number):
             alike[t] = t
         while not over:
-            node = _leaf(feature, threshold, left, right, 0, x)
+            node = _leaf(asks, 0, x)
             still = 0
             for i in range(together):
                 t = alike[i]
-                its = _leaf(feature, threshold, left, right, t, x)
+                its = _leaf(asks, t, x)
                 if push[t, its, 0] == push[0, node, 0] and push[t, its, 1] == push[0, node, 1]:
                     alike[still] = t
                     still += 1
@@ -214,21 +204,7 @@ def _fly_changed(
         steps[0] += length
         for i in range(apart):
             t = alone[i]
-            before = lengths[t, episode]
-            arrays = feature, threshold, left, right, push
-            total, length = _fly_on(_one(others, t), *arrays, t, seen[t], returns[t, episode], before)
+            so_far, before = returns[t, episode], lengths[t, episode]
+            total, length = _fly_on(_one(others, t), asks, push, t, seen[t], so_far, before, seen[:0])
             returns[t, episode], lengths[t, episode] = total, length
             steps[0] += length - before
-
-
-@compiled
-def _fly_on(landing, feature, threshold, left, right, push, t, x, total, length):
-    """To the end of an episode; the return and length of all of it."""
-    over = False
-    while not over:
-        node = _leaf(feature, threshold, left, right, t, x)
-        reward, terminated, truncated = step(landing, push[t, node, 0], push[t, node, 1], x)
-        total += reward
-        length += 1
-        over = terminated or truncated
-    return total, length
