@@ -60,7 +60,7 @@ def grow(
         effort: how much is played; by default by the kind of arena.
 
     Raises:
-        ValueError: a tree for other features or actions, or one that always sees the same.
+        ValueError: a tree for other features or actions.
     """
     rng, at, missed = np.random.default_rng(seed), first_episode, 0
     effort = effort or {"jax": COMPILED, "native": NATIVE}.get(arena.spec.backend, HOSTED)
@@ -72,10 +72,11 @@ def grow(
         others = [grown(tree, [sprout]) for sprout in drawn]
         scores, first, last = Scores(arena, at), effort.first, effort.last
         raced = race(scores, tree, others, keep=max(PLANTED), first=first, last=last)
-        best = _apart([drawn[i] for loss, i in raced if loss < 0])
-        several = [tree, *(grown(tree, best[:number]) for number in PLANTED if best)]
-        judged = arena.play_changed(tree, several[1:], range(at + last, at + 2 * last)).returns
-        found = several[int(judged.mean(axis=1, dtype=np.float64).argmax())]
+        found = tree
+        if best := _apart([drawn[i] for loss, i in raced if loss < 0]):
+            several = [grown(tree, best[:number]) for number in PLANTED]
+            judged = arena.play_changed(tree, several, range(at + last, at + 2 * last)).returns
+            found = [tree, *several][int(judged.mean(axis=1, dtype=np.float64).argmax())]
         missed = missed + 1 if found is tree else 0
         tree, at = found, at + 2 * last
     return tree

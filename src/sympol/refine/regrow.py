@@ -52,7 +52,7 @@ def regrow(
 
     Raises:
         ImportError: pycma is not installed.
-        ValueError: a tree for other features or actions, or one that always sees the same.
+        ValueError: a tree for other features or actions.
     """
     began, before = time.perf_counter(), arena.steps
 

@@ -42,15 +42,15 @@ def sprouts(
     """Different ones at random, ``number`` at most; ``observations`` are what the tree acts on.
 
     Each node that saw two different observations is as likely as any other, and so is each feature that differs
-    there. The threshold lies between two values that were seen there.
-
-    Raises:
-        ValueError: all observations are the same.
+    there. The threshold lies between two values that were seen there. Where nothing ever differs there are none.
     """
-    moves, leaf = Moves.among(tree.actions, observations), np.atleast_1d(tree.apply(observations))
+    leaf = np.atleast_1d(tree.apply(observations))
     ends = [subtree_end(tree, node) for node in range(tree.n_nodes)]
     rows = [np.flatnonzero((leaf >= node) & (leaf < end)) for node, end in enumerate(ends)]
     nodes = [node for node, here in enumerate(rows) if (observations[here] != observations[here[:1]]).any()]
+    if not nodes:
+        return []
+    moves = Moves.among(tree.actions, observations)
     found: dict[tuple[int, DecisionTree], Sprout] = {}
     for _ in range(PATIENCE * number):
         if len(found) == number:
