@@ -17,7 +17,7 @@ from jaxtyping import Float, Float32, Int
 
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
-from ..trees.edit import graft, subtree, subtree_end
+from ..trees.edit import graft_all, subtree, subtree_end
 from ..trees.walk import descend
 
 
@@ -54,9 +54,7 @@ def cuts(tree: DecisionTree, observations: Float32[np.ndarray, "steps features"]
 
 def cut_at(tree: DecisionTree, some: Iterable[Cut]) -> DecisionTree:
     """The tree after all of these cuts; of one within another only the outer counts."""
-    for cut in sorted(some, key=lambda cut: -cut.node):  # from behind, so that the others keep their numbers
-        tree = graft(tree, cut.node, cut.part)
-    return tree
+    return graft_all(tree, ((cut.node, cut.part) for cut in some))
 
 
 def _answers(tree: DecisionTree) -> Float[np.ndarray, "nodes outputs"]:

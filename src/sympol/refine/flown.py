@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float32
@@ -16,6 +17,8 @@ from ..trees import DecisionTree
 from .arena import Arena, Played
 from .packed import Packed, answers
 
+T = TypeVar("T")
+
 
 class FlownArena(Arena):
     """See the module."""
@@ -25,27 +28,22 @@ class FlownArena(Arena):
         push = engines(answers(packed, self.spec))
         seeds = np.tile(self._seeds(episodes), len(trees))
         tree = np.repeat(np.arange(len(trees), dtype=np.int32), len(episodes))
-        number = threads()
-        parts = [slice(i, None, number) for i in range(number)]  # each has some of every tree's
-        with ThreadPoolExecutor(number) as pool:
-            flown = list(pool.map(lambda part: fly(packed, push, tree[part], seeds[part]), parts))
+        flown = _shared(lambda part: fly(packed, push, tree[part], seeds[part]))
         returns, lengths = np.zeros(len(seeds), np.float32), np.zeros(len(seeds), np.int32)
-        for part, (earned, took) in zip(parts, flown, strict=True):
+        for part, (earned, took) in flown:
             returns[part], lengths[part] = earned, took
         shape = len(trees), len(episodes)
         return Played(returns.reshape(shape), lengths.reshape(shape))
 
     def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
         packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        push, seeds, number = engines(answers(packed, self.spec)), self._seeds(episodes), threads()
-        parts = [slice(i, None, number) for i in range(number)]
-        with ThreadPoolExecutor(number) as pool:
-            flown = list(pool.map(lambda part: fly_changed(packed, push, seeds[part]), parts))
+        push, seeds = engines(answers(packed, self.spec)), self._seeds(episodes)
+        flown = _shared(lambda part: fly_changed(packed, push, seeds[part]))
         shape = len(trees), len(seeds)
         played = Played(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
-        for part, (earned, took, _) in zip(parts, flown, strict=True):
+        for part, (earned, took, _) in flown:
             played.returns[:, part], played.lengths[:, part] = earned, took
-        return played, sum(steps for *_, steps in flown)
+        return played, sum(steps for _, (*_, steps) in flown)
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
         packed = Packed.of([tree], 1, tree.n_nodes)
@@ -53,3 +51,11 @@ class FlownArena(Arena):
 
     def _seeds(self, episodes: range) -> ndarray:
         return np.array([episode_seed(self.seed, episode, self.purpose) for episode in episodes], np.uint64)
+
+
+def _shared(fly_part: Callable[[slice], T]) -> list[tuple[slice, T]]:
+    """What each thread's part of the episodes brings; each has some of every tree's."""
+    number = threads()
+    parts = [slice(i, None, number) for i in range(number)]
+    with ThreadPoolExecutor(number) as pool:
+        return list(zip(parts, pool.map(fly_part, parts), strict=True))

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..trees import DecisionTree
-from ..trees.edit import graft, leaf_tree, split_tree, subtree, subtree_end
+from ..trees.edit import graft_all, leaf_tree, split_tree, subtree, subtree_end
 from .moves import Leaf, Moves
 
 PATIENCE = 4
@@ -75,9 +75,7 @@ def sprouts(
 
 def grown(tree: DecisionTree, some: Iterable[Sprout]) -> DecisionTree:
     """The tree with all of these, of which none is above another."""
-    for sprout in sorted(some, key=lambda sprout: -sprout.node):  # from behind: the others keep their numbers
-        tree = graft(tree, sprout.node, sprout.part)
-    return tree
+    return graft_all(tree, ((sprout.node, sprout.part) for sprout in some))
 
 
 def _acts_as(tree: DecisionTree, leaf: int, other: DecisionTree) -> bool:

@@ -9,6 +9,7 @@ otherwise goes elsewhere: `DecisionTree.with_visits` counts again.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -86,6 +87,18 @@ def graft(tree: DecisionTree, node: int, other: DecisionTree) -> DecisionTree:
     """
     require_same_space(tree, other)
     return _replaced(tree, require_node(tree, node), other)
+
+
+def graft_all(tree: DecisionTree, parts: Iterable[tuple[int, DecisionTree]]) -> DecisionTree:
+    """Return the tree with all of these grafts: each a node and what stands in its place. Of one within another only
+    the outer counts.
+
+    Raises:
+        ValueError, TypeError: as `graft` does.
+    """
+    for node, other in sorted(parts, key=lambda part: -part[0]):  # from behind: the others keep their numbers
+        tree = graft(tree, node, other)
+    return tree
 
 
 def subtree(tree: DecisionTree, node: int) -> DecisionTree:
