@@ -65,8 +65,7 @@ def fly(
     """Whole episodes; returns and lengths. ``trees`` has feature, threshold, left and right ``[trees, nodes]``, where a
     leaf is its own child; ``tree`` says who flies which episode."""
     returns, lengths = np.zeros(len(seeds)), np.zeros(len(seeds), np.int32)
-    asks = trees.feature, trees.threshold, trees.left, trees.right
-    _fly(landings(1), asks, push, tree, seeds, returns, lengths, np.zeros((0, FEATURES), np.float32))
+    _fly(landings(1), _asks(trees), push, tree, seeds, returns, lengths, np.zeros((0, FEATURES), np.float32))
     return returns, lengths
 
 
@@ -76,8 +75,7 @@ def watch(
     """What the first of the trees sees in whole episodes, one row a step."""
     seen = np.zeros((LIMIT * len(seeds), FEATURES), np.float32)
     tree, lengths = np.zeros(len(seeds), np.int32), np.zeros(len(seeds), np.int32)
-    asks = trees.feature, trees.threshold, trees.left, trees.right
-    _fly(landings(1), asks, push, tree, seeds, np.zeros(len(seeds)), lengths, seen)
+    _fly(landings(1), _asks(trees), push, tree, seeds, np.zeros(len(seeds)), lengths, seen)
     return seen[: lengths.sum()]
 
 
@@ -90,10 +88,15 @@ def fly_changed(
     """
     shape = len(push), len(seeds)
     returns, lengths, steps = np.zeros(shape), np.zeros(shape, np.int32), np.zeros(1, np.int64)
-    asks = trees.feature, trees.threshold, trees.left, trees.right
     first, others = landings(1), landings(len(push))
-    _fly_changed(first, others, _bytes(first), _bytes(others), asks, push, seeds, returns, lengths, steps)
+    _fly_changed(
+        first, others, _bytes(first), _bytes(others), _asks(trees), push, seeds, returns, lengths, steps
+    )
     return returns, lengths, int(steps[0])
+
+
+def _asks(trees: Any) -> tuple[ndarray, ...]:
+    return trees.feature, trees.threshold, trees.left, trees.right
 
 
 def _bytes(all_landings: Landing) -> tuple[ndarray, ...]:
