@@ -6,8 +6,8 @@ import numpy as np
 
 from .bodies import CENTERS, SKIN, clamp, placed, rotated
 from .joints import IB, MB, SLOP
-from .layout import HALF, ONE, ZERO, F
-from .machine import compiled
+from .layout import HALF, ONE, POINTS, ZERO, F
+from .machine import compiled, inlined
 
 MOST_CORRECTION = F(0.2)
 BAUMGARTE, TOI_BAUMGARTE = F(0.2), F(0.75)
@@ -66,58 +66,69 @@ def warm_start(contact, points, leg):
         leg.vy += MB * py
 
 
-@compiled
-def solve_contact(contact, points, vx, vy, w):
-    """Once: velocities of a leg after friction and what it stands on have had their say; whether impulses changed."""
-    nx, ny = contact.wx, contact.wy
+@inlined
+def solve_contact(hinged, leg, contact, lane):
+    """Once: velocities of a leg and impulses after friction and what it stands on have had their say.
+
+    Without a branch: many lanes take all ways, and each keeps its own.
+    """
+    solved, nx, ny = contact.solved[lane], contact.wx[lane], contact.wy[lane]
     tx, ty = ny, -nx
-    changed = False
-    for i in range(contact.solved):
-        point = points[i]
-        vt = (vx - w * point.ry) * tx + (vy + w * point.rx) * ty
-        most = contact.friction * point.normal
-        now = clamp(point.tangent + point.tangent_mass * -vt, -most, most)
-        impulse = now - point.tangent
-        changed = changed or now != point.tangent
-        point.tangent = now
+    vx, vy, w = hinged.vx[leg, lane], hinged.vy[leg, lane], hinged.spin[leg, lane]
+    for i in range(POINTS):
+        rx, ry, tangent = contact.rx[i, lane], contact.ry[i, lane], contact.tangent[i, lane]
+        vt = (vx - w * ry) * tx + (vy + w * rx) * ty
+        most = contact.friction[lane] * contact.normal[i, lane]
+        now = clamp(tangent + contact.tangent_mass[i, lane] * -vt, -most, most)
+        impulse = now - tangent
         px, py = impulse * tx, impulse * ty
-        vx += MB * px
-        vy += MB * py
-        w += IB * (point.rx * py - point.ry * px)
-    p, q = points[0], points[1]
-    if contact.solved == 1:
-        vn = (vx - w * p.ry) * nx + (vy + w * p.rx) * ny
-        now = max(p.normal + -p.normal_mass * vn, ZERO)
-        impulse = now - p.normal
-        changed = changed or now != p.normal
-        p.normal = now
-        px, py = impulse * nx, impulse * ny
-        vx += MB * px
-        vy += MB * py
-        w += IB * (p.rx * py - p.ry * px)
-        return vx, vy, w, changed
-    a1, a2 = p.normal, q.normal
-    b1 = (vx - w * p.ry) * nx + (vy + w * p.rx) * ny
-    b2 = (vx - w * q.ry) * nx + (vy + w * q.rx) * ny
-    b1 -= contact.k11 * a1 + contact.k12 * a2
-    b2 -= contact.k12 * a1 + contact.k22 * a2
-    x1, x2 = -(contact.m11 * b1 + contact.m12 * b2), -(contact.m12 * b1 + contact.m22 * b2)
-    if not (x1 >= ZERO and x2 >= ZERO):
-        x1, x2 = -p.normal_mass * b1, ZERO
-        if not (x1 >= ZERO and contact.k12 * x1 + b2 >= ZERO):
-            x1, x2 = ZERO, -q.normal_mass * b2
-            if not (x2 >= ZERO and contact.k12 * x2 + b1 >= ZERO):
-                x1, x2 = ZERO, ZERO
-                if not (b1 >= ZERO and b2 >= ZERO):
-                    return vx, vy, w, changed
+        pushed = i < solved
+        contact.tangent[i, lane] = now if pushed else tangent
+        vx = vx + MB * px if pushed else vx
+        vy = vy + MB * py if pushed else vy
+        w = w + IB * (rx * py - ry * px) if pushed else w
+    rx1, ry1, a1, mass1 = (
+        contact.rx[0, lane],
+        contact.ry[0, lane],
+        contact.normal[0, lane],
+        contact.normal_mass[0, lane],
+    )
+    rx2, ry2, a2, mass2 = (
+        contact.rx[1, lane],
+        contact.ry[1, lane],
+        contact.normal[1, lane],
+        contact.normal_mass[1, lane],
+    )
+    k11, k12, k22 = contact.k11[lane], contact.k12[lane], contact.k22[lane]
+    v1 = (vx - w * ry1) * nx + (vy + w * rx1) * ny
+    v2 = (vx - w * ry2) * nx + (vy + w * rx2) * ny
+    # one point
+    only = max(a1 + -mass1 * v1, ZERO)
+    # two: both push, or the first, or the second, or none
+    b1, b2 = v1 - (k11 * a1 + k12 * a2), v2 - (k12 * a1 + k22 * a2)
+    both1 = -(contact.m11[lane] * b1 + contact.m12[lane] * b2)
+    both2 = -(contact.m12[lane] * b1 + contact.m22[lane] * b2)
+    both = (both1 >= ZERO) & (both2 >= ZERO)
+    first, second = -mass1 * b1, -mass2 * b2
+    one = (first >= ZERO) & (k12 * first + b2 >= ZERO)
+    other = (second >= ZERO) & (k12 * second + b1 >= ZERO)
+    none = (b1 >= ZERO) & (b2 >= ZERO)
+    x1 = both1 if both else first if one else ZERO
+    x2 = both2 if both else ZERO if one else second if other else ZERO
+    found = both | one | other | none
+    single = solved == 1
+    x1 = only if single else x1 if found else a1
+    x2 = a2 if single else x2 if found else a2
     d1, d2 = x1 - a1, x2 - a2
     p1x, p1y, p2x, p2y = d1 * nx, d1 * ny, d2 * nx, d2 * ny
-    vx += MB * (p1x + p2x)
-    vy += MB * (p1y + p2y)
-    w += IB * ((p.rx * p1y - p.ry * p1x) + (q.rx * p2y - q.ry * p2x))
-    changed = changed or x1 != a1 or x2 != a2
-    p.normal, q.normal = x1, x2
-    return vx, vy, w, changed
+    turn1, turn2 = rx1 * p1y - ry1 * p1x, rx2 * p2y - ry2 * p2x
+    moved = single | (solved == 2) & found
+    vx = vx + MB * (p1x if single else p1x + p2x) if moved else vx
+    vy = vy + MB * (p1y if single else p1y + p2y) if moved else vy
+    w = w + IB * (turn1 if single else turn1 + turn2) if moved else w
+    contact.normal[0, lane] = x1 if moved else a1
+    contact.normal[1, lane] = x2 if moved else a2
+    hinged.vx[leg, lane], hinged.vy[leg, lane], hinged.spin[leg, lane] = vx, vy, w
 
 
 @compiled

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
 from numpy import ndarray
 
 from .lander import FEATURES, LIMIT, start, step
-from .layout import Landing, landings
-from .machine import compiled
+from .layout import Landing, abreast, landings, lent_abreast, lent_landings
+from .machine import compiled, lent
 
 _BY_ACTION = np.array([[0, 0], [0, -1], [1, 0], [0, 1]], np.float64)
 """Nothing, the left engine, the main one, the right one."""
@@ -39,21 +39,39 @@ def engines(actions: Shaped[ndarray, "*batch"] | Shaped[ndarray, "*batch 2"]) ->
     )
 
 
+MOST = 64
+"""Landings at a time: enough that there are always some beside each other that stand, and some in the air."""
+FLYER = np.dtype([("job", "i8"), ("tree", "i8"), ("row", "i8"), ("length", "i8"), ("total", "f8")])
+"""Which episode is flown by which tree, and what it has come to; ``row`` says where the return goes."""
+_UNSEEN = np.zeros((0, LIMIT, FEATURES), np.float32)
+
+
+class Flyers(NamedTuple):
+    """Some episodes under way."""
+
+    landings: Landing
+    same: tuple[ndarray, ...]
+    """The same memory, a row of bytes for each of them."""
+    seen: Float32[ndarray, "flyers features"]
+    who: Shaped[ndarray, " flyers"]
+    """`FLYER`"""
+
+
 class Flights:
     """Some episodes, each at its own point; who ends one begins the next."""
 
     def __init__(self, seeds: UInt64[ndarray, " copies"]) -> None:
-        self._landings, self.number = landings(len(seeds)), len(seeds)
+        self._landings, self._room, self.number = landings(len(seeds)), abreast(), len(seeds)
         self.observation = np.zeros((self.number, FEATURES), np.float32)
         """What the next actions answer to."""
-        _start(self._landings, seeds, self.observation)
+        _start(self._landings, seeds, self.observation, self._room)
 
     def step(self, push: Float64[ndarray, "copies 2"], wanted: Bool[ndarray, " copies"]) -> Moved:
         """One step of those that are wanted. Where it ends an episode, the next one has begun."""
         seen, reward = np.zeros((self.number, FEATURES), np.float32), np.zeros(self.number)
-        over = np.zeros((2, self.number), bool)
-        _step(self._landings, push, wanted, seen, self.observation, reward, over)
-        return Moved(seen, reward, over[0], over[1])
+        over = np.zeros((self.number, 2), bool)
+        _step(self._landings, np.flatnonzero(wanted), push, seen, self.observation, reward, over, self._room)
+        return Moved(seen, reward, over[:, 0], over[:, 1])
 
 
 def fly(
@@ -64,19 +82,17 @@ def fly(
 ) -> tuple[Float64[ndarray, " jobs"], Int32[ndarray, " jobs"]]:
     """Whole episodes; returns and lengths. ``trees`` has feature, threshold, left and right ``[trees, nodes]``, where a
     leaf is its own child; ``tree`` says who flies which episode."""
-    returns, lengths = np.zeros(len(seeds)), np.zeros(len(seeds), np.int32)
-    _fly(landings(1), _asks(trees), push, tree, seeds, returns, lengths, np.zeros((0, FEATURES), np.float32))
-    return returns, lengths
+    returns, lengths, _ = _flown(trees, push, tree, seeds, 0, _UNSEEN)
+    return returns[0], lengths[0]
 
 
 def watch(
     trees: Any, push: Float64[ndarray, "trees nodes 2"], seeds: UInt64[ndarray, " jobs"]
 ) -> Float32[ndarray, "steps features"]:
     """What the first of the trees sees in whole episodes, one row a step."""
-    seen = np.zeros((LIMIT * len(seeds), FEATURES), np.float32)
-    tree, lengths = np.zeros(len(seeds), np.int32), np.zeros(len(seeds), np.int32)
-    _fly(landings(1), _asks(trees), push, tree, seeds, np.zeros(len(seeds)), lengths, seen)
-    return seen[: lengths.sum()]
+    seen = np.zeros((len(seeds), LIMIT, FEATURES), np.float32)
+    _, lengths, _ = _flown(trees, push, np.zeros(len(seeds), np.int32), seeds, 0, seen)
+    return seen[np.arange(LIMIT) < lengths[0][:, None]]
 
 
 def fly_changed(
@@ -86,53 +102,47 @@ def fly_changed(
 
     Also how many steps that took.
     """
-    shape = len(push), len(seeds)
-    returns, lengths, steps = np.zeros(shape), np.zeros(shape, np.int32), np.zeros(1, np.int64)
-    first, others = landings(1), landings(len(push))
-    _fly_changed(
-        first, others, _bytes(first), _bytes(others), _asks(trees), push, seeds, returns, lengths, steps
-    )
-    return returns, lengths, int(steps[0])
+    return _flown(trees, push, np.zeros(len(seeds), np.int32), seeds, len(push) - 1, _UNSEEN)
 
 
-def _asks(trees: Any) -> tuple[ndarray, ...]:
-    return trees.feature, trees.threshold, trees.left, trees.right
+def _flown(
+    trees: Any, push: ndarray, tree: ndarray, seeds: ndarray, followers: int, seen: ndarray
+) -> tuple[ndarray, ndarray, int]:
+    """Each episode is flown by its tree, and by the followers, the trees from the second on. Returns and lengths
+    ``[1 + followers, episodes]``, and steps; fills ``seen``, in so far as there is room."""
+    shape = 1 + followers, len(seeds)
+    returns, lengths = np.zeros(shape), np.zeros(shape, np.int32)
+    flying = min(MOST, len(seeds) * shape[0])
+    flyers = _flyers(flying), _flyers(flying * followers)
+    asks = trees.feature, trees.threshold, trees.left, trees.right
+    moved = np.zeros((flying, 2)), np.zeros(flying), np.zeros((flying, 2), bool)
+    alike = np.zeros((flying, followers), np.int64)
+    steps = _fly(*flyers, abreast(), alike, *moved, asks, push, tree, seeds, returns, lengths, seen)
+    return returns, lengths, steps
 
 
-def _bytes(all_landings: Landing) -> tuple[ndarray, ...]:
-    """The same memory, a row for each landing."""
-    return tuple(part.reshape(len(part), -1).view(np.uint8) for part in all_landings)
-
-
-@compiled
-def _one(all_landings, i):
-    return Landing(
-        all_landings.bodies[i],
-        all_landings.joints[i],
-        all_landings.contacts[i],
-        all_landings.points[i],
-        all_landings.edges[i],
-        all_landings.game[i],
-    )
+def _flyers(number: int) -> Flyers:
+    flown = landings(number)
+    same = tuple(part.reshape(number, part[:1].size).view(np.uint8) for part in flown)
+    return Flyers(flown, same, np.zeros((number, FEATURES), np.float32), np.zeros(number, FLYER))
 
 
 @compiled
-def _start(all_landings, seeds, observation):
-    for i in range(len(seeds)):
-        start(_one(all_landings, i), seeds[i], observation[i])
+def _start(all_landings, seeds, observation, room):
+    all_landings, room = lent_landings(all_landings), lent_abreast(room)
+    for at in range(len(seeds)):
+        start(all_landings, at, seeds[at], observation[at], room)
 
 
 @compiled
-def _step(all_landings, push, wanted, seen, following, reward, over):
-    for i in range(len(wanted)):
-        if not wanted[i]:
-            continue
-        landing = _one(all_landings, i)
-        reward[i], over[0, i], over[1, i] = step(landing, push[i, 0], push[i, 1], seen[i])
-        if over[0, i] or over[1, i]:
-            start(landing, landing.game[0].random, following[i])
+def _step(all_landings, wanted, push, seen, following, reward, over, room):
+    all_landings, room = lent_landings(all_landings), lent_abreast(room)
+    step(all_landings, wanted, push, seen, reward, over, room)
+    for at in wanted:
+        if over[at, 0] or over[at, 1]:
+            start(all_landings, at, all_landings.game[at, 0].random, following[at], room)
         else:
-            following[i] = seen[i]
+            following[at] = seen[at]
 
 
 @compiled
@@ -145,69 +155,81 @@ def _leaf(asks, t, x):
 
 
 @compiled
-def _fly_on(landing, asks, push, t, x, total, length, seen):
-    """A tree from what it sees now to the end; the return and length of all of the episode. Fills ``seen``, in so far
-    as there is room."""
-    row, over = 0, False
-    while not over:
-        if row < len(seen):
-            seen[row] = x
-            row += 1
-        node = _leaf(asks, t, x)
-        reward, terminated, truncated = step(landing, push[t, node, 0], push[t, node, 1], x)
-        total += reward
-        length += 1
-        over = terminated or truncated
-    return total, length
+def _copy(source, at, target, to):
+    """Let a flyer be another's double."""
+    for part in range(len(source.same)):
+        target.same[part][to] = source.same[part][at]
+    target.seen[to], target.who[to] = source.seen[at], source.who[at]
 
 
 @compiled
-def _fly(all_landings, asks, push, tree, seeds, returns, lengths, seen):
-    landing, x, row = _one(all_landings, 0), np.zeros(FEATURES, np.float32), 0
-    for job in range(len(seeds)):
-        start(landing, seeds[job], x)
-        returns[job], lengths[job] = _fly_on(landing, asks, push, tree[job], x, 0.0, 0, seen[row:])
-        row += lengths[job]
+def _lent_flyers(held):
+    """See `machine.lent`."""
+    return Flyers(lent_landings(held.landings), held.same, lent(held.seen), lent(held.who))
 
 
 @compiled
-def _fly_changed(first, others, first_bytes, others_bytes, asks, push, seeds, returns, lengths, steps):
-    number = len(push)
-    landing, x = _one(first, 0), np.zeros(FEATURES, np.float32)
-    seen = np.zeros((number, FEATURES), np.float32)
-    alike, alone = np.zeros(number, np.int64), np.zeros(number, np.int64)
-    for episode in range(len(seeds)):
-        start(landing, seeds[episode], x)
-        total, length, over = 0.0, 0, False
-        together, apart = number, 0
-        for t in range(number):
-            alike[t] = t
-        while not over:
-            node = _leaf(asks, 0, x)
+def _fly(
+    flying, waiting, room, alike, power, reward, over, asks, push, tree, seeds, returns, lengths, watched
+):
+    """See `_flown`. A follower flies with its leader until it does something else, and waits then for a lane."""
+    number, followers = len(flying.who), len(returns) - 1
+    room, flying, alike = lent_abreast(room), _lent_flyers(flying), lent(alike)
+    power, reward, over, push = lent(power), lent(reward), lent(over), lent(push)
+    asks = lent(asks[0]), lent(asks[1]), lent(asks[2]), lent(asks[3])
+    which, busy, together = (
+        np.empty(number, np.int64),
+        np.zeros(number, np.bool_),
+        np.zeros(number, np.int64),
+    )
+    waits, begun, steps = 0, 0, 0
+    while True:
+        flies = 0
+        for at in range(number):
+            if not busy[at] and waits > 0:
+                waits -= 1
+                _copy(waiting, waits, flying, at)
+                busy[at] = True
+            elif not busy[at] and begun < len(seeds):
+                start(flying.landings, at, seeds[begun], flying.seen[at], room)
+                who = flying.who[at]
+                who.job, who.tree, who.row, who.length, who.total = begun, tree[begun], 0, 0, 0.0
+                for follower in range(followers):
+                    alike[at, follower] = follower + 1
+                together[at], busy[at] = followers, True
+                begun += 1
+            if busy[at]:
+                which[flies] = at
+                flies += 1
+        if flies == 0:
+            return steps
+        for at in which[:flies]:
+            who, x = flying.who[at], flying.seen[at]
+            if who.job < len(watched):
+                watched[who.job, who.length] = x
+            action = push[who.tree, _leaf(asks, who.tree, x)]
+            power[at] = action
             still = 0
-            for i in range(together):
-                t = alike[i]
-                its = _leaf(asks, t, x)
-                if push[t, its, 0] == push[0, node, 0] and push[t, its, 1] == push[0, node, 1]:
-                    alike[still] = t
+            for i in range(together[at]):
+                t = alike[at, i]
+                other = push[t, _leaf(asks, t, x)]
+                if other[0] == action[0] and other[1] == action[1]:
+                    alike[at, still] = t
                     still += 1
                     continue
-                for part in range(len(first_bytes)):  # from here on it flies alone
-                    others_bytes[part][t] = first_bytes[part][0]
-                seen[t], returns[t, episode], lengths[t, episode] = x, total, length
-                alone[apart] = t
-                apart += 1
-            together = still
-            reward, terminated, truncated = step(landing, push[0, node, 0], push[0, node, 1], x)
-            total += reward
-            length += 1
-            over = terminated or truncated
-        for i in range(together):
-            returns[alike[i], episode], lengths[alike[i], episode] = total, length
-        steps[0] += length
-        for i in range(apart):
-            t = alone[i]
-            so_far, before = returns[t, episode], lengths[t, episode]
-            total, length = _fly_on(_one(others, t), asks, push, t, seen[t], so_far, before, seen[:0])
-            returns[t, episode], lengths[t, episode] = total, length
-            steps[0] += length - before
+                _copy(flying, at, waiting, waits)
+                waiting.who[waits].tree = waiting.who[waits].row = t
+                waits += 1
+            together[at] = still
+        step(flying.landings, which[:flies], power, flying.seen, reward, over, room)
+        steps += flies
+        for at in which[:flies]:
+            who = flying.who[at]
+            who.total += reward[at]
+            who.length += 1
+            if not (over[at, 0] or over[at, 1]):
+                continue
+            returns[who.row, who.job], lengths[who.row, who.job] = who.total, who.length
+            for t in alike[at, : together[at]]:
+                returns[t, who.job], lengths[t, who.job] = who.total, who.length
+            busy[at], together[at] = False, 0

@@ -6,7 +6,7 @@ import numpy as np
 
 from .bodies import clamp, rotated
 from .layout import ONE, ZERO, F
-from .machine import compiled
+from .machine import compiled, inlined
 from .shapes import FPS, HULL, LEG, LEG_AWAY, LEG_DOWN, LEG_SIDES
 
 DT = F(1 / FPS)
@@ -57,53 +57,61 @@ def prepare_joint(joint, j, lander, leg):
     leg.spin += IB * ((bx * joint.iy - by * joint.ix) + turn + joint.iz)
 
 
-@compiled
-def solve_joint(joint, j, ax, ay, aw, bx, by, bw, ix, iy, iz, im):
-    """Once: velocities of the lander and of a leg after motor, limit and hinge have had their say, the impulses in all,
-    and what was added to those of hinge and limit."""
-    impulse = -MOTOR_MASS * (bw - aw - SPEED[j])
-    now = clamp(im + impulse, -MOST_TORQUE, MOST_TORQUE)
-    impulse, im = now - im, now
+@inlined
+def solve_joint(hinged, j, lane, ax, ay, aw, bx, by, bw):
+    """Once: velocities of the lander and of a leg after motor, limit and hinge have had their say.
+
+    Without a branch: many lanes take both ways, and each keeps its own.
+    """
+    kxx, kxy, kyy = hinged.kxx[j, lane], hinged.kxy[j, lane], hinged.kyy[j, lane]
+    kxz, kyz, kzz = hinged.kxz[j, lane], hinged.kyz[j, lane], hinged.kzz[j, lane]
+    arm_ax, arm_ay, arm_bx, arm_by = (
+        hinged.ax[j, lane],
+        hinged.ay[j, lane],
+        hinged.bx[j, lane],
+        hinged.by[j, lane],
+    )
+    det2, det3, limit = hinged.det2[j, lane], hinged.det3[j, lane], hinged.limit[j, lane]
+    iz, motor = hinged.iz[j, lane], hinged.motor[j, lane]
+    now = clamp(motor + -MOTOR_MASS * (bw - aw - SPEED[j]), -MOST_TORQUE, MOST_TORQUE)
+    impulse = now - motor
     aw -= IA * impulse
     bw += IB * impulse
-    dx = bx - bw * joint.by - ax + aw * joint.ay
-    dy = by + bw * joint.bx - ay - aw * joint.ax
-    if joint.limit == 0:
-        px = joint.det2 * (joint.kyy * -dx - joint.kxy * -dy)
-        py = joint.det2 * (joint.kxx * -dy - joint.kxy * -dx)
-        ix += px
-        iy += py
-        pz = ZERO
-        aw -= IA * (joint.ax * py - joint.ay * px)
-        bw += IB * (joint.bx * py - joint.by * px)
-    else:
-        dz = bw - aw
-        kxx, kxy, kxz, kyy, kyz, kzz = joint.kxx, joint.kxy, joint.kxz, joint.kyy, joint.kyz, joint.kzz
-        cx, cy, cz = kyy * kzz - kyz * kyz, kyz * kxz - kxy * kzz, kxy * kyz - kyy * kxz
-        px = -(joint.det3 * (dx * cx + dy * cy + dz * cz))
-        cx, cy, cz = dy * kzz - dz * kyz, dz * kxz - dx * kzz, dx * kyz - dy * kxz
-        py = -(joint.det3 * (kxx * cx + kxy * cy + kxz * cz))
-        cx, cy, cz = kyy * dz - kyz * dy, kyz * dx - kxy * dz, kxy * dy - kyy * dx
-        pz = -(joint.det3 * (kxx * cx + kxy * cy + kxz * cz))
-        if (iz + pz < ZERO) if joint.limit < 0 else (iz + pz > ZERO):
-            rx, ry = -dx + iz * kxz, -dy + iz * kyz
-            px = joint.det2 * (kyy * rx - kxy * ry)
-            py = joint.det2 * (kxx * ry - kxy * rx)
-            pz = -iz
-            ix += px
-            iy += py
-            iz = ZERO
-        else:
-            ix += px
-            iy += py
-            iz += pz
-        aw -= IA * ((joint.ax * py - joint.ay * px) + pz)
-        bw += IB * ((joint.bx * py - joint.by * px) + pz)
+    dx = bx - bw * arm_by - ax + aw * arm_ay
+    dy = by + bw * arm_bx - ay - aw * arm_ax
+    dz = bw - aw
+    # with the hinge alone
+    hinge_x = det2 * (kyy * -dx - kxy * -dy)
+    hinge_y = det2 * (kxx * -dy - kxy * -dx)
+    # with hinge and limit
+    cx, cy, cz = kyy * kzz - kyz * kyz, kyz * kxz - kxy * kzz, kxy * kyz - kyy * kxz
+    both_x = -(det3 * (dx * cx + dy * cy + dz * cz))
+    cx, cy, cz = dy * kzz - dz * kyz, dz * kxz - dx * kzz, dx * kyz - dy * kxz
+    both_y = -(det3 * (kxx * cx + kxy * cy + kxz * cz))
+    cx, cy, cz = kyy * dz - kyz * dy, kyz * dx - kxy * dz, kxy * dy - kyy * dx
+    both_z = -(det3 * (kxx * cx + kxy * cy + kxz * cz))
+    # where the limit would have to pull, which it cannot
+    rx, ry = -dx + iz * kxz, -dy + iz * kyz
+    loose_x = det2 * (kyy * rx - kxy * ry)
+    loose_y = det2 * (kxx * ry - kxy * rx)
+    total = iz + both_z
+    loose = (limit < 0) & (total < ZERO) | (limit > 0) & (total > ZERO)
+    free = limit == 0
+    px = hinge_x if free else loose_x if loose else both_x
+    py = hinge_y if free else loose_y if loose else both_y
+    pz = -iz if loose else both_z
+    turn_a, turn_b = arm_ax * py - arm_ay * px, arm_bx * py - arm_by * px
+    aw -= IA * (turn_a if free else turn_a + pz)
+    bw += IB * (turn_b if free else turn_b + pz)
     ax -= MA * px
     ay -= MA * py
     bx += MB * px
     by += MB * py
-    return ax, ay, aw, bx, by, bw, ix, iy, iz, im, px, py, pz
+    hinged.ix[j, lane] += px
+    hinged.iy[j, lane] += py
+    hinged.iz[j, lane] = iz if free else ZERO if loose else total
+    hinged.motor[j, lane] = now
+    return ax, ay, aw, bx, by, bw
 
 
 @compiled
@@ -140,9 +148,3 @@ def joint_positions(j, lander, leg, limit):
     leg.cy += MB * py
     leg.angle += IB * (bx * py - by * px)
     return np.sqrt(cx * cx + cy * cy) <= SLOP and off <= ANGULAR_SLOP
-
-
-@compiled
-def pulls(limit, impulse, added, times):
-    """Whether an impulse at a limit, which may only push, could come near to zero by being added to so many times."""
-    return limit != 0 and added != ZERO and abs(impulse) <= F(2) * abs(added) * F(times)

@@ -11,11 +11,12 @@ import numpy as np
 
 from .bodies import CENTERS, SKIN, kind_of
 from .joints import IA, MA
-from .layout import ONE, ZERO, F
+from .layout import LANES, ONE, ZERO, F, one
 from .machine import compiled
 from .nearness import EXTENSION, fatten
 from .shapes import CHUNKS, EDGES, FPS, HEIGHT, LEG_AWAY, LEG_DOWN, LEG_SIDES, SCALE, WIDTH
-from .world import advance_world
+from .velocities import solve_velocities
+from .world import begin_step, end_step
 
 FEATURES = 8
 LIMIT = 1000
@@ -66,8 +67,9 @@ def _lay(edge, x1, y1, x2, y2, friction):
 
 
 @compiled
-def start(landing, seed, observation):
+def start(landings, at, seed, observation, room):
     """Begin an episode, and write down what is seen first."""
+    landing = one(landings, at)
     game, bodies, edges = landing.game[0], landing.bodies, landing.edges
     game.random = np.uint64(seed)
     game.begun, game.crashed, game.left, game.right, game.time = 0, 0, 0, 0, 0
@@ -98,24 +100,51 @@ def start(landing, seed, observation):
     for j in range(2):
         joint = landing.joints[j]
         joint.ix, joint.iy, joint.iz, joint.motor, joint.limit = ZERO, ZERO, ZERO, ZERO, 0
-    _act(landing, 0.0, 0.0, force_x, force_y, observation)
+    _fire(landing, 0.0, 0.0)
+    begin_step(landing, force_x, force_y)
+    solve_velocities(landings, np.array([at]), room)
+    _finish(landing, 0.0, 0.0, observation, room)
     game.time = 0
 
 
 @compiled
-def step(landing, main, side, observation):
-    """Let engines push, write down what is seen then, and return reward, terminated and truncated.
+def step(landings, which, power, observation, reward, over, room):
+    """One step of some landings; ``which`` are their numbers, and rows of all else.
 
-    ``main`` is the power of the main engine, 0 or 0.5 to 1; ``side`` that of a side engine, negative for the left one.
+    Engines push, all moves, and what is seen then is written down, what it is worth, and whether the episode is
+    terminated or truncated. ``power`` is that of the main engine, 0 or 0.5 to 1, and that of a side engine, negative
+    for the left one.
     """
-    reward, terminated = _act(landing, main, side, ZERO, ZERO, observation)
-    game = landing.game[0]
-    return reward, terminated, game.time >= LIMIT
+    for at in which:
+        landing = one(landings, at)
+        _fire(landing, power[at, 0], power[at, 1])
+        begin_step(landing, ZERO, ZERO)
+    order = _in_the_air_first(landings, which)
+    for i in range(0, len(order), LANES):
+        solve_velocities(landings, order[i : i + LANES], room)
+    for at in which:
+        reward[at], over[at, 0], over[at, 1] = _finish(
+            one(landings, at), power[at, 0], power[at, 1], observation[at], room
+        )
 
 
 @compiled
-def _act(landing, main, side, force_x, force_y, observation):
-    """One step of game and world."""
+def _in_the_air_first(landings, which):
+    """Those that stand are solved for longer, and so by themselves."""
+    order, first, last = np.empty(len(which), np.int64), 0, len(which)
+    for at in which:
+        if landings.game[at, 0].left or landings.game[at, 0].right:
+            last -= 1
+            order[last] = at
+        else:
+            order[first] = at
+            first += 1
+    return order
+
+
+@compiled
+def _fire(landing, main, side):
+    """Engines push."""
     game, lander = landing.game[0], landing.bodies[0]
     tip_x, tip_y = math.sin(np.float64(lander.angle)), math.cos(np.float64(lander.angle))
     side_x, side_y = -tip_y, tip_x
@@ -132,7 +161,13 @@ def _act(landing, main, side, force_x, force_y, observation):
         x = lander.px + ox - tip_x * SIDE_DOWN / SCALE
         y = lander.py + oy + tip_y * SIDE_HEIGHT / SCALE
         _push(lander, -ox * SIDE_POWER * power, -oy * SIDE_POWER * power, x, y)
-    asleep = advance_world(landing, force_x, force_y)
+
+
+@compiled
+def _finish(landing, main, side, observation, room):
+    """All moves. Write down what is seen then; return reward, terminated and truncated."""
+    asleep = end_step(landing, room)
+    game, lander = landing.game[0], landing.bodies[0]
     half = WIDTH / 2
     x = (np.float64(lander.px) - half) / half
     y = (np.float64(lander.py) - (PAD + LEG_DOWN)) / (HEIGHT / 2)
@@ -154,12 +189,12 @@ def _act(landing, main, side, force_x, force_y, observation):
     game.shaping, game.begun = shaping, 1
     game.time += 1
     reward -= main * 0.30
-    reward -= power * 0.03
+    reward -= abs(side) * 0.03
     if asleep:
-        return 100.0, True
+        return 100.0, True, game.time >= LIMIT
     if game.crashed or abs(x) >= 1.0:
-        return -100.0, True
-    return reward, False
+        return -100.0, True, game.time >= LIMIT
+    return reward, False, game.time >= LIMIT
 
 
 @compiled

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .machine import compiled, lent
 from .shapes import BODIES, EDGES
 
 F = np.float32
@@ -17,6 +18,8 @@ CONTACTS = 6
 """Edges at most that a body can be near to."""
 POINTS = 2
 """Of a contact."""
+LANES = 16
+"""Landings whose velocities are solved side by side: what a processor does with one number it does with several."""
 
 BODY = np.dtype(
     [
@@ -29,14 +32,17 @@ BODY = np.dtype(
         ("contacts", "i4"),
     ]
 )
-JOINT = np.dtype(
-    [
-        *((name, "f4") for name in ("ix", "iy", "iz", "motor")),  # impulses, kept from step to step
-        ("limit", "i4"),  # -1 at the lower, 1 at the upper, 0 between
-        *((name, "f4") for name in ("ax", "ay", "bx", "by")),  # arms to the lander's and the leg's centre
-        *((name, "f4") for name in ("kxx", "kxy", "kxz", "kyy", "kyz", "kzz", "det3", "det2")),
-    ]
-)
+_HINGE = [
+    *((name, "f4") for name in ("ix", "iy", "iz", "motor")),  # impulses, kept from step to step
+    ("limit", "i4"),  # -1 at the lower, 1 at the upper, 0 between
+    *((name, "f4") for name in ("ax", "ay", "bx", "by")),  # arms to the lander's and the leg's centre
+    *((name, "f4") for name in ("kxx", "kxy", "kxz", "kyy", "kyz", "kzz", "det3", "det2")),
+]
+JOINT = np.dtype(_HINGE)
+_SOLVED = [
+    ("solved", "i4"),  # points that push; where there is no contact, none
+    *((name, "f4") for name in ("wx", "wy", "friction", "k11", "k12", "k22", "m11", "m12", "m22")),
+]
 CONTACT = np.dtype(
     [
         ("edge", "i4"),
@@ -48,17 +54,18 @@ CONTACT = np.dtype(
         ("toi", "f4"),
         ("has_toi", "i4"),
         ("substeps", "i4"),
-        # while it is solved
-        ("solved", "i4"),
-        *((name, "f4") for name in ("wx", "wy", "friction", "k11", "k12", "k22", "m11", "m12", "m22")),
+        *_SOLVED,
     ]
 )
+_PUSHED = [
+    *((name, "f4") for name in ("normal", "tangent")),  # impulses
+    *((name, "f4") for name in ("rx", "ry", "normal_mass", "tangent_mass")),
+]
 POINT = np.dtype(
     [
         *((name, "f4") for name in ("x", "y")),  # in the frame of what is not the face
         ("feature", "i4"),  # which corner and side; impulses of the same ones are kept
-        *((name, "f4") for name in ("normal", "tangent")),  # impulses
-        *((name, "f4") for name in ("rx", "ry", "normal_mass", "tangent_mass")),
+        *_PUSHED,
     ]
 )
 EDGE = np.dtype(
@@ -76,6 +83,18 @@ GAME = np.dtype(
         ("left", "i4"),  # legs on the ground
         ("right", "i4"),
         ("time", "i4"),
+    ]
+)
+HINGED = np.dtype(
+    [
+        *((name, "f4", (BODIES, LANES)) for name in ("vx", "vy", "spin")),
+        *((name, kind, (BODIES - 1, LANES)) for name, kind in _HINGE),
+    ]
+)
+STANDING = np.dtype(
+    [
+        *((name, kind, (LANES,)) for name, kind in _SOLVED),
+        *((name, kind, (POINTS, LANES)) for name, kind in _PUSHED),
     ]
 )
 
@@ -107,3 +126,50 @@ def landings(number: int) -> Landing:
         np.zeros((number, EDGES), EDGE),
         np.zeros((number, 1), GAME),
     )
+
+
+@compiled
+def lent_landings(held):
+    """See `machine.lent`."""
+    return Landing(
+        lent(held.bodies),
+        lent(held.joints),
+        lent(held.contacts),
+        lent(held.points),
+        lent(held.edges),
+        lent(held.game),
+    )
+
+
+@compiled
+def one(all_landings, at):
+    """One of them."""
+    return Landing(
+        all_landings.bodies[at],
+        all_landings.joints[at],
+        all_landings.contacts[at],
+        all_landings.points[at],
+        all_landings.edges[at],
+        all_landings.game[at],
+    )
+
+
+class Abreast(NamedTuple):
+    """What of some landings velocities are solved from, and what changes then; each number stands beside those of the
+    other landings."""
+
+    hinged: Any
+    """`HINGED` [1]: bodies and joints."""
+    standing: Any
+    """`STANDING` [2, contacts]: the n-th contact of each leg that touches the ground."""
+
+
+def abreast() -> Abreast:
+    """Room for `LANES` landings."""
+    return Abreast(np.zeros(1, HINGED), np.zeros((BODIES - 1, CONTACTS), STANDING))
+
+
+@compiled
+def lent_abreast(held):
+    """See `machine.lent`."""
+    return Abreast(lent(held.hinged), lent(held.standing))

@@ -10,21 +10,27 @@ from .joints import DT
 from .layout import ONE, ZERO, F
 from .machine import compiled
 from .nearness import follow
-from .solve import solve, solve_impact
+from .solve import prepare, settle, solve_impact
 
 SUBSTEPS = 8
 
 
 @compiled
-def advance_world(landing, force_x, force_y):
-    """One step of the world; whether the lander has come to rest.
+def begin_step(landing, force_x, force_y):
+    """Contacts are looked for, forces act; then velocities are to be solved."""
+    for b in (2, 1, 0):
+        look(landing, b)
+    prepare(landing, force_x, force_y)
+
+
+@compiled
+def end_step(landing, room):
+    """All moves, with velocities that have been solved; whether the lander has come to rest.
 
     Where the lander itself touches the ground, the episode is over: how it would bounce is left out.
     """
     bodies = landing.bodies
-    for b in (2, 1, 0):
-        look(landing, b)
-    asleep = solve(landing, force_x, force_y)
+    asleep = settle(landing)
     for b in range(3):
         if follow(bodies[b], kind_of(b), CENTERS[kind_of(b), 0], CENTERS[kind_of(b), 1]):
             find_contacts(landing, b)
@@ -32,7 +38,7 @@ def advance_world(landing, force_x, force_y):
         for b in range(3):
             bodies[b].vx, bodies[b].vy, bodies[b].spin = ZERO, ZERO, ZERO
         return True
-    _impacts(landing)
+    _impacts(landing, room)
     return False
 
 
@@ -57,7 +63,7 @@ def _crash(landing):
 
 
 @compiled
-def _impacts(landing):
+def _impacts(landing, room):
     """What comes to the ground within the step."""
     bodies, contacts = landing.bodies, landing.contacts
     for b in range(3):
@@ -113,7 +119,7 @@ def _impacts(landing):
         for k in range(body.contacts):
             if k != at:
                 told(landing, first, update(landing, first, k))
-        solve_impact(landing, first, at, (ONE - soonest) * DT)
+        solve_impact(landing, first, at, (ONE - soonest) * DT, room)
         for k in range(body.contacts):
             contacts[first, k].has_toi = 0
         if follow(body, 1, CENTERS[1, 0], CENTERS[1, 1]):
