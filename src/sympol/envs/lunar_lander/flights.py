@@ -17,6 +17,11 @@ from .machine import compiled, lent
 
 _BY_ACTION = np.array([[0, 0], [0, -1], [1, 0], [0, 1]], np.float64)
 """Nothing, the left engine, the main one, the right one."""
+MOST = 64
+"""Landings at a time: enough that there are always some beside each other that stand, and some in the air."""
+FLYER = np.dtype([("job", "i8"), ("tree", "i8"), ("row", "i8"), ("length", "i8"), ("total", "f8")])
+"""Which episode is flown by which tree, and what it has come to; ``row`` says where the return goes."""
+_UNSEEN = np.zeros((0, LIMIT, FEATURES), np.float32)
 
 
 class Moved(NamedTuple):
@@ -37,13 +42,6 @@ def engines(actions: Shaped[ndarray, "*batch"] | Shaped[ndarray, "*batch 2"]) ->
     return np.stack(
         [np.where(main > 0, (main + 1) * 0.5, 0.0), np.where(np.abs(side) > 0.5, side, 0.0)], axis=-1
     )
-
-
-MOST = 64
-"""Landings at a time: enough that there are always some beside each other that stand, and some in the air."""
-FLYER = np.dtype([("job", "i8"), ("tree", "i8"), ("row", "i8"), ("length", "i8"), ("total", "f8")])
-"""Which episode is flown by which tree, and what it has come to; ``row`` says where the return goes."""
-_UNSEEN = np.zeros((0, LIMIT, FEATURES), np.float32)
 
 
 class Flyers(NamedTuple):

@@ -26,11 +26,8 @@ def solve_velocities(landings, which, room):
         bodies, joints, contacts, points = _parts(landings, which[lane])
         _take_bodies(hinged, lane, bodies, joints)
         for leg in range(2):
-            number = 0
-            for k in range(bodies[leg + 1].contacts):
-                if contacts[leg + 1, k].touching:
-                    _take_contact(standing[leg, number], lane, contacts[leg + 1, k], points[leg + 1, k])
-                    number += 1
+            b = leg + 1
+            number = _take_touching(standing[leg], lane, contacts[b], points[b], range(bodies[b].contacts))
             most[leg] = max(most[leg], number)
     for _ in range(ITERATIONS):
         _solve_joints(hinged)
@@ -54,11 +51,7 @@ def solve_alone(leg, contacts, points, order, room):
     hinged, standing = room.hinged[0], room.standing
     _nothing_stands(standing)
     hinged.vx[1, 0], hinged.vy[1, 0], hinged.spin[1, 0] = leg.vx, leg.vy, leg.spin
-    number = 0
-    for k in order:
-        if contacts[k].touching:
-            _take_contact(standing[0, number], 0, contacts[k], points[k])
-            number += 1
+    number = _take_touching(standing[0], 0, contacts, points, order)
     for _ in range(ITERATIONS):
         for k in range(number):
             _solve_contacts(hinged, 1, standing[0, k])
@@ -130,6 +123,17 @@ def _give_bodies(hinged, lane, bodies, joints):
         joint = joints[j]
         joint.ix, joint.iy, joint.iz = hinged.ix[j, lane], hinged.iy[j, lane], hinged.iz[j, lane]
         joint.motor = hinged.motor[j, lane]
+
+
+@compiled
+def _take_touching(standing, lane, contacts, points, order):
+    """Those of a leg's contacts that touch, in this order; how many there are."""
+    number = 0
+    for k in order:
+        if contacts[k].touching:
+            _take_contact(standing[number], lane, contacts[k], points[k])
+            number += 1
+    return number
 
 
 @compiled
