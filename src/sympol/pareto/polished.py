@@ -31,8 +31,9 @@ STEPS = 3
 """In which a tree within the limit loses half of its nodes."""
 ABOVE = 2
 """How large the first trees are, in limits."""
-LIMIT_PART, HALF_PART, SMALL_PART = 4.0, 2.0, 0.5
-"""How long trees of the limit have, of half of it, and of less than that, where others have 1."""
+LIMIT_PART, HALF_PART, SMALL_PART = 4.0, 4.0, 0.5
+"""How long trees of the limit have, of half of it, and of less than that, where others have 1: the more time they have
+for other questions, the more they earn, and what is below starts from what they became."""
 POLISHING = 0.25
 """Of a size's time, before it gets other questions; the largest has no others."""
 STARTS = 2
@@ -125,14 +126,19 @@ def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Fou
             (share.seconds - road_so_far.seconds) * part - (here.seconds - road_so_far.seconds),
         )
 
-    how = {"episodes": EPISODES[site.spec.backend], "seed": site.seed}
+    how = {"episodes": EPISODES[site.spec.backend]}
     at, polishing = stage.first_episode, POLISHING if stage.nodes <= site.plan.max_nodes else 1.0
-    better = polish(starts, arena, budget=left(polishing), first_episode=at, progress=tell, **how)
+    better = polish(
+        starts, arena, budget=left(polishing), first_episode=at, seed=site.seed, progress=tell, **how
+    )
     for turn in range(MOST_TURNS if polishing < 1 else 0):
         budget, first = left(1.0), at + REGROWING_FROM + turn * REGROWN
         if min(budget.steps, budget.seconds) <= 0:
             break
-        better = regrow(better, arena, max_nodes=stage.nodes, budget=budget, first_episode=first, **how)
+        seed = (site.seed + turn) % 2**32
+        better = regrow(
+            better, arena, max_nodes=stage.nodes, budget=budget, first_episode=first, seed=seed, **how
+        )
         keep(folder, [Found(better, road, spent())], finished=False)
     more = chained(site, better, road, spent(), smallest=stage.next_nodes)
     keep(folder, more, finished=True)

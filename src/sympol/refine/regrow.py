@@ -1,8 +1,8 @@
-"""Other questions for a tree that has as many as it may: it grows, is pruned back and polished.
+"""Other questions for a tree that has as many as it may: it grows, is polished, pruned back and polished again.
 
 Polishing moves thresholds, but asks what was asked before; pruning only takes away. Together with growing they change
 what a tree asks, and it keeps its size: a quarter more nodes are planted, and the least useful ones go, which need
-not be those that were planted.
+not be those that were planted. Polished in between, new questions show what they are worth before any has to go.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ GROWN = 1.25
 GROWING = 0.5
 """The part of a budget after which it grows no further."""
 POLISHING = 1 / 3
-"""How long is polished, of what growing and pruning took."""
+"""How long is polished, each time, of what was done before."""
 EPISODES = 1 << 20
 """That are played at most; growing begins with the first of them."""
-SHRINKING_FROM, JUDGING_FROM, POLISHING_FROM = 1 << 18, 3 << 17, 1 << 19
+SHRINKING_FROM, JUDGING_FROM, POLISHING_FROM, FINISHING_FROM = 1 << 18, 3 << 17, 1 << 19, 5 << 17
 
 
 def regrow(
@@ -56,11 +56,18 @@ def regrow(
     """
     began, before = time.perf_counter(), arena.steps
 
-    def used(part: float) -> Budget:
-        """So much of what was taken until now, and no more than is left."""
+    def polished(one: DecisionTree, at: int) -> DecisionTree:
+        """For so long as a part of what was taken until now, and no longer than what is left."""
         steps, seconds = arena.steps - before, time.perf_counter() - began
         left = Budget(budget.steps - steps, budget.seconds - seconds)
-        return Budget(min(part * steps, left.steps), left.seconds)
+        return polish(
+            [one],
+            arena,
+            budget=Budget(min(POLISHING * steps, left.steps), left.seconds),
+            episodes=episodes,
+            first_episode=first_episode + at,
+            seed=seed,
+        )
 
     grown = grow(
         tree,
@@ -72,15 +79,9 @@ def regrow(
     )
     if grown is tree:
         return tree
-    smaller = chain(grown, arena, smallest=max_nodes, first_episode=first_episode + SHRINKING_FROM)[-1].tree
-    better = polish(
-        [smaller],
-        arena,
-        budget=used(POLISHING),
-        episodes=episodes,
-        first_episode=first_episode + POLISHING_FROM,
-        seed=seed,
-    )
+    larger = polished(grown, POLISHING_FROM)
+    smaller = chain(larger, arena, smallest=max_nodes, first_episode=first_episode + SHRINKING_FROM)[-1].tree
+    better = polished(smaller, FINISHING_FROM)
     rivals = list(dict.fromkeys([tree, smaller, better]))
     start = first_episode + JUDGING_FROM
     judged = arena.play(rivals, range(start, start + 4 * effort_of(arena).last)).returns
