@@ -12,7 +12,7 @@ import numpy as np
 
 SHARES = {"scratch": 0.2, "teacher": 0.3, "evolve": 0.4}
 """Of the budget, how it is divided among roads; those that are taken have it all but what choosing takes."""
-OTHER_SHARES = {"LunarLander-v3": {"scratch": 0.15, "teacher": 0.8, "evolve": 0.05}}
+OTHER_SHARES = {"LunarLander-v3": {"scratch": 0.1, "teacher": 0.8, "evolve": 0.1}}
 """Where a teacher's trees become much, but slowly."""
 CHOOSING = 0.1
 """Part of a budget in seconds for choosing and testing."""
