@@ -62,10 +62,10 @@ def test_sizes_fall_step_by_step_as_long_as_there_is_a_question(max_nodes: int, 
 @pytest.mark.parametrize(
     ("max_nodes", "times"),
     [
-        (127, [1, 4, 1, 1, 2, 0.5, 0.5, 0.5]),
-        (63, [1, 4, 1, 1, 2, 0.5, 0.5, 0.5]),
-        (31, [1, 4, 1, 1, 2, 0.5, 0.5, 0.5]),
-        (7, [1, 4, 1, 2]),
+        (127, [1, 4, 1, 1, 4, 0.5, 0.5, 0.5]),
+        (63, [1, 4, 1, 1, 4, 0.5, 0.5, 0.5]),
+        (31, [1, 4, 1, 1, 4, 0.5, 0.5, 0.5]),
+        (7, [1, 4, 1, 4]),
         (3, [1, 4]),
     ],
 )
@@ -76,7 +76,7 @@ def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int, times: 
         spent.append(rest * stage.part)
         rest -= spent[-1]
     assert rest == pytest.approx(0)
-    # what is asked for has most, half of that twice as much as what is between them
+    # what is asked for and half of it have four times as much as what is between them
     assert spent == pytest.approx([time / sum(times) for time in times])
     assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
     assert made[0].first_episode == FAR

@@ -31,8 +31,8 @@ STEPS = 3
 """In which a tree within the limit loses half of its nodes."""
 ABOVE = 2
 """How large the first trees are, in limits."""
-LIMIT_PART, HALF_PART, SMALL_PART = 4.0, 4.0, 0.5
-"""How long trees of the limit have, of half of it, and of less than that, where others have 1: the more time they have
+ASKED_PART, SMALL_PART = 4.0, 0.5
+"""How long trees of the limit and of half of it have, and those of less than that, where others have 1: the more time
 for other questions, the more they earn, and what is below starts from what they became."""
 POLISHING = 0.25
 """Of a size's time, before it gets other questions; the largest has no others."""
@@ -93,10 +93,10 @@ def stages(max_nodes: int) -> list[Stage]:
 
 def _part(size: int, max_nodes: int) -> float:
     """How long a size has."""
-    if size == max_nodes:
-        return LIMIT_PART
     half = (max_nodes - 1) // 2
-    return 1.0 if size > half + 1 else HALF_PART if size >= half else SMALL_PART
+    if size == max_nodes or half <= size <= half + 1:
+        return ASKED_PART
+    return 1.0 if size > half else SMALL_PART
 
 
 def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Found]:
