@@ -126,18 +126,29 @@ def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Fou
             (share.seconds - road_so_far.seconds) * part - (here.seconds - road_so_far.seconds),
         )
 
-    how = {"episodes": EPISODES[site.spec.backend]}
+    episodes = EPISODES[site.spec.backend]
     at, polishing = stage.first_episode, POLISHING if stage.nodes <= site.plan.max_nodes else 1.0
     better = polish(
-        starts, arena, budget=left(polishing), first_episode=at, seed=site.seed, progress=tell, **how
+        starts,
+        arena,
+        budget=left(polishing),
+        episodes=episodes,
+        first_episode=at,
+        seed=site.seed,
+        progress=tell,
     )
     for turn in range(MOST_TURNS if polishing < 1 else 0):
         budget, first = left(1.0), at + REGROWING_FROM + turn * REGROWN
         if min(budget.steps, budget.seconds) <= 0:
             break
-        seed = (site.seed + turn) % 2**32
         better = regrow(
-            better, arena, max_nodes=stage.nodes, budget=budget, first_episode=first, seed=seed, **how
+            better,
+            arena,
+            max_nodes=stage.nodes,
+            budget=budget,
+            episodes=episodes,
+            first_episode=first,
+            seed=(site.seed + turn) % 2**32,
         )
         keep(folder, [Found(better, road, spent())], finished=False)
     more = chained(site, better, road, spent(), smallest=stage.next_nodes)
