@@ -65,8 +65,9 @@ class Pareto:
     trainings: int = 2
     """From scratch, seeds of their own."""
 
-    teachers: int = 2
-    """Trained, or distillations of the one that is given, seeds of their own."""
+    teachers: int = 0
+    """Trained, or distillations of the one that is given, seeds of their own. By default 4 for LunarLander-v3, 2 for
+    others."""
 
     islands: int = 2
     """Searches by evolution, seeds of their own."""

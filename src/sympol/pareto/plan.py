@@ -14,6 +14,8 @@ SHARES = {"scratch": 0.2, "teacher": 0.3, "evolve": 0.4}
 """Of the budget, how it is divided among roads; those that are taken have it all but what choosing takes."""
 OTHER_SHARES = {"LunarLander-v3": {"scratch": 0.1, "teacher": 0.8, "evolve": 0.1}}
 """Where a teacher's trees become much, but slowly."""
+TEACHERS = {"LunarLander-v3": 4}
+"""Where none are asked for; two for all others. How far a teacher's trees get is chance, where they get far slowly."""
 CHOOSING = 0.1
 """Part of a budget in seconds for choosing and testing."""
 MINUTES = {"CartPole-v1": 2.0, "MountainCarContinuous-v0": 5.0, "LunarLander-v3": 30.0}
@@ -46,8 +48,8 @@ class Plan:
     """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
     trainings: int = 2
     """From scratch."""
-    teachers: int = 2
-    """Each trained, or distilled if one is given, with seeds of its own."""
+    teachers: int = 0
+    """Each trained, or distilled if one is given, with seeds of its own; by default so many `TEACHERS`."""
     islands: int = 2
     """Searches by evolution, each with seeds of its own."""
     eval_episodes: int = 100
@@ -63,6 +65,8 @@ class Plan:
         object.__setattr__(self, "env_kwargs", dict(self.env_kwargs))
         if not self.budget:
             object.__setattr__(self, "budget", f"{MINUTES.get(self.env, 10.0):g}m")
+        if not self.teachers:
+            object.__setattr__(self, "teachers", TEACHERS.get(self.env, 2))
         if self.max_nodes < 1 or self.max_nodes % 2 == 0:
             near = f"{self.max_nodes - 1} or {self.max_nodes + 1}" if self.max_nodes > 1 else "1 or 3"
             raise ValueError(
