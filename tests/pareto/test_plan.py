@@ -49,6 +49,12 @@ def test_a_task_has_a_budget_of_its_own():
     assert Plan("Anything-v0").seconds == 600
 
 
+def test_a_task_has_a_number_of_teachers_unless_one_is_given():
+    assert Plan("LunarLander-v3").teachers == 4
+    assert Plan("Anything-v0").teachers == 2
+    assert Plan("LunarLander-v3", teachers=1).teachers == 1
+
+
 @pytest.mark.parametrize("env", ["CartPole-v1", *OTHER_SHARES])
 @pytest.mark.parametrize("roads", [("scratch",), ("scratch", "evolve"), tuple(SHARES)])
 def test_roads_share_all_but_what_choosing_takes(env, roads):
