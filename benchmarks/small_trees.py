@@ -28,6 +28,7 @@ LIMITS = {
     "MountainCarContinuous-v0": (9,),
     "Pendulum-v1": (15,),
     "Acrobot-v1": (9,),
+    "LunarLander-v3": (53,),
 }
 SEEDS = (1000, 1001, 1002)
 EPISODES = 1000
