@@ -78,7 +78,7 @@ def test_trees_have_odd_sizes(limit, remedy):
         ({"roads": ()}, "got none"),
         ({"roads": ("scratch", "magic")}, "got scratch, magic"),
         ({"trainings": 0}, "trainings must be at least 1, got 0"),
-        ({"teachers": -1}, "teachers must be at least 1"),
+        ({"teachers": 0}, "teachers must be at least 1"),
         ({"islands": 0}, "islands must be at least 1"),
         ({"eval_episodes": 1}, "at least 2"),
     ],

@@ -65,7 +65,7 @@ class Pareto:
     trainings: int = 2
     """From scratch, seeds of their own."""
 
-    teachers: int = 0
+    teachers: int | None = None
     """Trained, or distillations of the one that is given, seeds of their own. By default 4 for LunarLander-v3, 2 for
     others."""
 

@@ -48,7 +48,7 @@ class Plan:
     """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
     trainings: int = 2
     """From scratch."""
-    teachers: int = 0
+    teachers: int | None = None
     """Each trained, or distilled if one is given, with seeds of its own; by default so many `TEACHERS`."""
     islands: int = 2
     """Searches by evolution, each with seeds of its own."""
@@ -65,7 +65,7 @@ class Plan:
         object.__setattr__(self, "env_kwargs", dict(self.env_kwargs))
         if not self.budget:
             object.__setattr__(self, "budget", f"{MINUTES.get(self.env, 10.0):g}m")
-        if not self.teachers:
+        if self.teachers is None:
             object.__setattr__(self, "teachers", TEACHERS.get(self.env, 2))
         if self.max_nodes < 1 or self.max_nodes % 2 == 0:
             near = f"{self.max_nodes - 1} or {self.max_nodes + 1}" if self.max_nodes > 1 else "1 or 3"
@@ -82,8 +82,8 @@ class Plan:
 
     def _check_budget(self) -> None:
         _read(self.budget)
-        number = {"scratch": self.trainings, "teacher": 2 * self.teachers, "evolve": self.islands}
-        least = max(LEAST_STEPS * number[road] / self.share(road) for road in self.roads)
+        runs = {road: self.number(road) * (2 if road == "teacher" else 1) for road in self.roads}
+        least = max(LEAST_STEPS * runs[road] / self.share(road) for road in self.roads)
         if self.seconds < LEAST_SECONDS or self.steps < least:
             raise ValueError(
                 f"budget is too small for one run: {self.budget!r}; give at least {LEAST_SECONDS:.0f}s or "
@@ -99,6 +99,11 @@ class Plan:
     def steps(self) -> float:
         """Of all roads together; infinite where seconds are counted."""
         return _read(self.budget)[1]
+
+    def number(self, road: str) -> int:
+        """How many tasks a road is made of."""
+        assert self.teachers is not None
+        return {"scratch": self.trainings, "teacher": self.teachers, "evolve": self.islands}[road]
 
     def share(self, road: str) -> float:
         """The part of the budget that a road has."""

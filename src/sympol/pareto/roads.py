@@ -41,7 +41,7 @@ LARGEST = 127
 
 def tasks(plan: Plan, folder: Path, road: str, share: Budget, workers: int = 1) -> list[Task]:
     """What a road is made of. ``share`` is its part of the budget, ``workers`` how many go it side by side."""
-    number = {"scratch": plan.trainings, "teacher": plan.teachers, "evolve": plan.islands}[road]
+    number = plan.number(road)
     turns = math.ceil(number / workers)
     return [
         Task(
