@@ -360,18 +360,30 @@ def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = Non
 
 
 def load(path: str | PathLike[str], env: Any = None) -> Agent:
-    """The agent that a run's folder holds, ready to predict and, if it was interrupted, to go on learning.
+    """Return the agent that a run's folder holds, ready to predict and, if it was interrupted, to resume learning.
 
-    ``env`` is needed only where the run's environment has no id: give what it was trained on. Nothing in the
-    folder is ever run as code. A run that was stopped before its first checkpoint is an agent that has learnt
-    nothing yet.
+    Nothing in the folder is ever run as code, and no module that it names is imported. A run that was stopped before
+    its first checkpoint is an agent that has learnt nothing yet.
+
+    Args:
+        path: The run's folder.
+        env: What it was trained on, as in `Agent`. It is needed where the folder cannot make the environment again:
+            the environment has no id, needs a module to be imported, was changed after it was made, or is wrapped in
+            something that a folder cannot keep.
+
+    Returns:
+        The agent.
 
     Raises:
-        RunError: no run there, made by another version, or all its checkpoints are damaged.
+        RunError: no run there, made by another version, all its checkpoints are damaged, or ``env`` is needed.
     """
-    run = Run.open(Path(path))
+    return load_run(Run.open(Path(path), env))
+
+
+def load_run(run: Run) -> Agent:
+    """Return the agent of a run that is open; see `load`."""
     run.require_training()
-    agent = agent_of(run.resolve_env(env), run.config, run.seed, run.load_start())
+    agent = agent_of(run.resolve_env(), run.config, run.seed, run.load_start())
     agent.preset = run.about["preset"]
     here = replace(agent.config, num_devices=1)  # to read it, a machine need not have as many as trained it
     trainer = make_trainer(agent.spec, here, agent.seed, agent.start)
@@ -383,8 +395,8 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
 
 
 def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | None) -> Config:
-    values = preset(spec.name, name, policy=overrides["policy"], algorithm=overrides["algorithm"])
-    if spec.has_one_copy:
+    values = preset(spec.preset_id, name, policy=overrides["policy"], algorithm=overrides["algorithm"])
+    if not spec.can_be_copied:
         values = {**values, "num_envs": 1}
     if start is not None and overrides["policy"] == "tree":
         values = start.deepened(values)

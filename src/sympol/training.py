@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .agents import Agent, Callback, Report, load
+from .agents import Agent, Callback, Report, load_run
 from .algos.rules import LIMITS
 from .play import Episodes
 from .runs.about import versions
@@ -30,9 +30,9 @@ def go_on(run: Run) -> Agent:
     """The agent of a run where it was left, ready to `learn` on; rows beyond its checkpoint are dropped.
 
     Raises:
-        RunError: see `load`.
+        RunError: see `sympol.load`.
     """
-    agent = load(run.path)
+    agent = load_run(run)
     run.metrics.forget_after(agent.num_timesteps)
     return agent
 

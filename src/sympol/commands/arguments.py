@@ -16,6 +16,17 @@ Text = tyro.conf.Positional[str]
 Folder = tyro.conf.Positional[Path]
 
 
+@dataclass(kw_only=True)
+class PlaysRun:
+    """Arguments of commands that play episodes of a run that is there."""
+
+    env: str | None = None
+    """The environment, where the run's folder cannot make it: an id, or module:Id, whose module is imported."""
+
+    trust: bool = False
+    """Import the module that the run's folder names, which runs its code."""
+
+
 @dataclass
 class Train:
     """Train a decision tree (or a rival: --policy) by PPO (or A2C: --algorithm) and keep everything in one folder."""
@@ -75,7 +86,7 @@ class Train:
 
 
 @dataclass
-class Resume:
+class Resume(PlaysRun):
     """Go on with an interrupted training; it ends in the tree it would have ended in."""
 
     run: Folder
@@ -89,7 +100,7 @@ class Resume:
 
 
 @dataclass
-class Eval:
+class Eval(PlaysRun):
     """Play test episodes with a run's tree, on Gymnasium itself."""
 
     run: Folder
@@ -106,7 +117,7 @@ class Eval:
 
 
 @dataclass
-class Show:
+class Show(PlaysRun):
     """The tree of a run, as text, and what it earns."""
 
     run: Folder
@@ -114,7 +125,7 @@ class Show:
 
 
 @dataclass
-class Watch:
+class Watch(PlaysRun):
     """A film of test episodes on Gymnasium: what happens, and beside it the tree with the way taken lit."""
 
     run: Folder
@@ -218,13 +229,13 @@ class Distill:
     """Most nodes, leaves among them, an odd number: the tree grows where that gains most."""
 
     env: str | None = None
-    """Gymnasium id of where the teacher acts; a run knows its own."""
+    """Gymnasium id of where the teacher acts; a run knows its own, if its folder can make it."""
 
     env_kwargs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = ()
     """What to make --env with."""
 
     trust: bool = False
-    """Unpickle the zip: it may run any code that its author put there."""
+    """Unpickle the zip, or import the module that a run's folder names: either may run any code of its author."""
 
     seed: int = 0
     """The same seed gives the same tree."""

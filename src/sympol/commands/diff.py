@@ -12,7 +12,7 @@ from ..play import play
 from ..runs.about import RunError
 from ..trees import DecisionTree
 from ..trees.diff import diff as tell_apart
-from .arguments import Folder
+from .arguments import Folder, PlaysRun
 from .parse import parse
 from .say import one_line_errors, out
 from .sources import spec_from, tree_from
@@ -21,7 +21,7 @@ MOST_LINES = 30
 
 
 @dataclass
-class Diff:
+class Diff(PlaysRun):
     """What became of a tree, in words, and how many of the states it visits get another action."""
 
     before: Folder
@@ -67,8 +67,8 @@ def diff(arguments: Sequence[str]) -> int:
 def _spec(given: Diff, tree: DecisionTree) -> EnvSpec:
     """Where both act: an edited tree may be a file that does not say."""
     try:
-        return spec_from(given.before, tree)
+        return spec_from(given.before, tree, given)
     except RunError:
         with contextlib.suppress(RunError):
-            return spec_from(given.after, tree)
+            return spec_from(given.after, tree, given)
         raise

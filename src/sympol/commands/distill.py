@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..agents import Agent, load
+from ..agents import Agent, load_run
 from ..algos.config import Config
 from ..distill import Iteration, Teacher, load_sb3
 from ..distill.dataset import Limits
@@ -87,13 +87,15 @@ def find_teacher(given: Distill) -> tuple[Any, Teacher]:
     """What TEACHER names: as it is, and as a teacher that plays in --env."""
     path = Path(given.teacher)
     if path.is_dir():
-        agent = load(path)
+        spec = None if given.env is None else _spec(given)
+        run = Run.open(path, trust=given.trust)
+        agent = load_run(run if spec is None or not run.about["not_kept"] else Run.open(path, spec))
         if agent.num_timesteps < agent.config.total_timesteps:
             raise RunError(
                 f"{path} is not finished ({agent.num_timesteps:,} of {agent.config.total_timesteps:,} steps); finish "
                 f"it: sympol resume {shlex.quote(str(path))}"
             )
-        return agent, as_teacher(agent, None if given.env is None else _spec(given))
+        return agent, as_teacher(agent, spec)
     module, colon, name = given.teacher.rpartition(":")
     if colon and not path.exists():
         policy = _import(module, name)

@@ -17,7 +17,7 @@ from ..trees.boxes import space
 from ..trees.counterfactual import Norm
 from ..trees.named import position
 from ..trees.units import positions, units_of
-from .arguments import Folder
+from .arguments import Folder, PlaysRun
 from .parse import parse
 from .say import one_line_errors, out
 from .sources import spec_from, tree_from
@@ -27,7 +27,7 @@ _NEGATIVE = re.compile(r"-[0-9.][0-9.eE+-]*")
 
 
 @dataclass
-class Explain:
+class Explain(PlaysRun):
     """Why a tree acts as it does in one observation, and what would have to be different for another action.
 
     In a state that is written down: sympol explain RUN --observation 0 0.1 -0.2 0
@@ -95,7 +95,7 @@ def _observation(given: Explain, tree: DecisionTree) -> np.ndarray:
 def _visited(given: Explain, tree: DecisionTree, seed: int) -> np.ndarray:
     if seed < 0 or given.step < 0:
         raise ValueError(f"--episode and --step must not be negative, got {seed} and {given.step}")
-    seen = play(tree, spec_from(given.tree, tree), 1, seed=seed).observations
+    seen = play(tree, spec_from(given.tree, tree, given), 1, seed=seed).observations
     if given.step >= len(seen):
         raise ValueError(
             f"--step must be from 0 to {len(seen) - 1} in the episode of seed {seed}, got {given.step}"

@@ -13,7 +13,7 @@ from ..runs.about import RunError
 from ..runs.folder import Run
 from ..trees import DecisionTree
 from ..trees.export import FORMATS, format_of
-from .arguments import Folder
+from .arguments import Folder, PlaysRun
 from .parse import parse
 from .read import is_soft, soft_view
 from .say import err, one_line_errors, print_error
@@ -32,7 +32,7 @@ Write: TypeAlias = Callable[[Path], object]
 
 
 @dataclass
-class Export:
+class Export(PlaysRun):
     """The tree of a run, or of a file, as a program, a model, a document or a picture.
 
     On a microcontroller: sympol export RUN --to c --style table --out policy.c --check
@@ -69,7 +69,7 @@ def export(arguments: Sequence[str]) -> int:
         _check_format(given)
     elif given.check or _options(given):
         raise ValueError(f"a picture takes no --style, --name or --check, and {given.to} is one")
-    run = Run.open(given.tree) if given.tree.is_dir() else None
+    run = Run.open(given.tree, given.env, trust=given.trust) if given.tree.is_dir() else None
     if run is not None and is_soft(run):
         written, draw = _soft_form(soft_view(run, run.load_summary()), given)
     else:

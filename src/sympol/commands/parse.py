@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import dataclasses
 import difflib
@@ -49,7 +50,13 @@ def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Gi
 
 
 def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
-    """``NAME=VALUE`` as keyword arguments; a value is a number, true, false, a list, or else a word."""
+    """Return ``NAME=VALUE ...`` as keyword arguments.
+
+    A value is what Python or TOML reads in it: a number, True or true, None, a list, a text in quotes; or else a word.
+
+    Raises:
+        ValueError: An argument of another form, a name given twice, or a value nested too deep.
+    """
     kwargs: dict[str, Any] = {}
     for argument in given:
         name, equals, value = argument.partition("=")
@@ -57,11 +64,23 @@ def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
             raise ValueError(
                 f"--env-kwargs must be of the form NAME=VALUE, as in view_size=5, got {argument!r}"
             )
-        try:
-            kwargs[name] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            kwargs[name] = value
+        if name in kwargs:
+            raise ValueError(f"--env-kwargs must name each argument once, got {name} twice")
+        kwargs[name] = _value(value)
     return kwargs
+
+
+def _value(text: str) -> Any:
+    try:
+        return ast.literal_eval(text.strip())
+    except (RecursionError, MemoryError):
+        raise ValueError(f"--env-kwargs must not be nested so deep, got {text[:40]!r}...") from None
+    except (SyntaxError, TypeError, ValueError):
+        pass
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text
 
 
 def parse_train(arguments: Sequence[str]) -> Train:
@@ -71,7 +90,7 @@ def parse_train(arguments: Sequence[str]) -> Train:
         asks = {"-h", "--help"} & set(arguments)
         first = parse(type(first), "train", [a for a in arguments if a not in asks])
     which = {"algorithm": first.config.algorithm, "policy": first.config.policy}
-    values = preset(first.env, first.preset, **which)
+    values = preset("" if first.env_kwargs else first.env, first.preset, **which)
     if first.start is not None and first.config.policy == "tree":
         values = {**values, "depth": max(values.get("depth", Config.depth), tree_from(first.start).depth)}
     return parse(Train, "train", arguments, Train("", config=Config.from_dict({**which, **values})))

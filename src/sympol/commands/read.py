@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.markup import escape
 
-from ..agents import load
+from ..agents import load_run
 from ..distill.soft_text import soft_text
 from ..distill.soft_view import SoftView
 from ..evaluate import evaluate_policy
@@ -26,7 +26,7 @@ from .say import one_line_errors, out, summary_words
 def evaluate(arguments: Sequence[str]) -> int:
     """``sympol eval``."""
     given = parse(Eval, "eval", arguments)
-    run = Run.open(given.run)
+    run = Run.open(given.run, given.env, trust=given.trust)
     spec = run.resolve_env()
     mean, std = evaluate_policy(policy_of(run), spec, given.episodes, seed=given.seed)
     result = {
@@ -51,7 +51,7 @@ def evaluate(arguments: Sequence[str]) -> int:
 def show(arguments: Sequence[str]) -> int:
     """``sympol show``."""
     given = parse(Show, "show", arguments)
-    run = Run.open(given.run)
+    run = Run.open(given.run, given.env, trust=given.trust)
     summary = run.load_summary()
     text = soft_text(soft_view(run, summary)) if is_soft(run) else run.load_tree().to_text()
     try:
@@ -71,7 +71,7 @@ def is_soft(run: Run) -> bool:
 
 def soft_view(run: Run, summary: dict[str, Any] | None) -> SoftView:
     """The soft tree of a run, as it is written and drawn."""
-    agent = load(run.path)
+    agent = load_run(run)
     if agent.state is None:
         raise RunError(f"{run.path} has no soft tree yet; finish it: sympol resume {run.path}")
     try:

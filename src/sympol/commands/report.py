@@ -15,14 +15,14 @@ from ..reports import report as report_run
 from ..runs.about import RunError
 from ..runs.checkpoint import write_atomically
 from ..runs.folder import Run
-from .arguments import Folder
+from .arguments import Folder, PlaysRun
 from .parse import parse
 from .say import err, one_line_errors
 from .sources import tree_from
 
 
 @dataclass
-class Report:
+class Report(PlaysRun):
     """One web page to see, question and copy a tree; it needs no network and nothing beside it."""
 
     run: Folder
@@ -42,7 +42,7 @@ class Report:
 
 
 @dataclass
-class Compare:
+class Compare(PlaysRun):
     """One web page of several policies on the same test episodes; trees, neural networks and soft trees."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -64,7 +64,8 @@ def report(arguments: Sequence[str]) -> int:
     given = parse(Report, "report", arguments)
     if given.run.is_file():
         return _report_file(given)
-    run, path = Run.open(given.run), given.out or given.run / "report.html"
+    run = Run.open(given.run, given.env, trust=given.trust)
+    path = given.out or given.run / "report.html"
     _require_folder(path)
     with err.status("") as status:
         page = report_run(
@@ -94,7 +95,7 @@ def compare(arguments: Sequence[str]) -> int:
     _require_folder(given.out)
     with err.status("") as status:
         page = compare_runs(
-            [Run.open(path) for path in given.runs],
+            [Run.open(path, given.env, trust=given.trust) for path in given.runs],
             episodes=given.episodes,
             seed=given.seed,
             progress=lambda words: status.update(escape(words)),

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..envs.arguments import from_plain
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
-from ..runs.about import CONFIG, RunError
+from ..runs.about import CONFIG, RunError, require_no_import
 from ..runs.folder import Run
 from ..trees import DecisionTree
 from ..trees.read_text import FENCE, read_header
+from .arguments import PlaysRun
 
 
 def tree_from(path: Path) -> DecisionTree:
@@ -52,17 +54,19 @@ def _from_text(path: Path, text: str) -> DecisionTree:
     return DecisionTree.from_text(text, like=tree_from(beside))
 
 
-def spec_from(path: Path, tree: DecisionTree) -> EnvSpec:
-    """The environment of `tree_from`'s tree: that of the run it is in, or the one that its ``meta`` names.
+def spec_from(path: Path, tree: DecisionTree, given: PlaysRun | None = None) -> EnvSpec:
+    """Return the environment of `tree_from`'s tree: ``--env``, that of the run it is in, or the one its ``meta`` names.
 
     Raises:
         RunError: it is in no run and names none, or one that is not known here, or one with other features.
     """
-    folder = path if path.is_dir() else path.parent
+    folder, given = path if path.is_dir() else path.parent, given or PlaysRun()
     if (folder / CONFIG).exists():
-        spec = Run.open(folder).resolve_env()
+        spec = Run.open(folder, given.env, trust=given.trust).resolve_env()
+    elif given.env is not None:
+        spec = resolve(given.env)
     elif "env" in tree.meta:
-        spec = _environment(path, tree.meta["env"], tree.meta.get("env_kwargs"))
+        spec = _environment(path, tree.meta["env"], tree.meta.get("env_kwargs"), trust=given.trust)
     else:
         raise RunError(
             f'nothing says where the tree of {path} acts: it is in no run\'s folder, and its "meta" has no "env"'
@@ -75,14 +79,12 @@ def spec_from(path: Path, tree: DecisionTree) -> EnvSpec:
     return spec
 
 
-def _environment(path: Path, name: object, kwargs: object) -> EnvSpec:
-    """The environment that a file names. The file may be a stranger's: it has nothing imported."""
-    if not isinstance(name, str) or ":" in name:
-        raise RunError(
-            f"{path} names the environment {name!r}; a file may name one by its Gymnasium id, and "
-            "have no module imported"
-        )
+def _environment(path: Path, name: object, kwargs: object, *, trust: bool = False) -> EnvSpec:
+    """Return the environment that a file names. The file may be a stranger's: it has nothing imported."""
+    if not isinstance(name, str):
+        raise RunError(f"{path} names the environment {name!r}, which must be text, such as 'CartPole-v1'")
+    require_no_import(name, path, trust=trust)
     try:
-        return resolve(name, env_kwargs=kwargs if isinstance(kwargs, dict) else None)
+        return resolve(name, env_kwargs=from_plain(kwargs) if isinstance(kwargs, dict) else None)
     except UnknownEnvironment as error:
         raise RunError(f"{path} acts on {name!r}, which is not known here: {error}") from error

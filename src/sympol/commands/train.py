@@ -10,7 +10,7 @@ from pathlib import Path
 from ..agents import Agent, agent_of
 from ..algos.rules import LIMITS
 from ..envs.registry import resolve
-from ..runs.about import RunError, file_name
+from ..runs.about import RunError, file_name, made_with
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
@@ -54,18 +54,25 @@ def train(arguments: Sequence[str]) -> int:
 def resume(arguments: Sequence[str]) -> int:
     """``sympol resume``."""
     given = parse(Resume, "resume", arguments)
-    return _continue(given.run, given.eval_episodes, given.json)
+    run = Run.open(given.run, given.env, trust=given.trust)
+    return _continue(run, given.eval_episodes, given.json)
 
 
-def _same_run(given: Train, agent: Agent) -> Path:
-    """The folder to go on in, where what was given does not contradict it."""
+def _same_run(given: Train, agent: Agent) -> Run:
+    """The run to resume, where what was given does not contradict it."""
     if given.run_dir is None or given.overwrite:
         raise RunError("--resume needs the folder to go on in, as --run-dir, and cannot go with --overwrite")
     run = Run.open(given.run_dir)
     about = run.about
-    was = {"env": about["env"], "env_kwargs": about["env_kwargs"], "seed": run.seed, **run.config.to_dict()}
+    made = made_with(agent.spec)
+    was = {
+        "env": about["env"],
+        **{name: about[name] for name in made},
+        "seed": run.seed,
+        **run.config.to_dict(),
+    }
     spec = agent.spec
-    now = {"env": spec.name, "env_kwargs": spec.env_kwargs, "seed": agent.seed, **agent.config.to_dict()}
+    now = {"env": spec.name, **made, "seed": agent.seed, **agent.config.to_dict()}
     begun, begins = run.load_start(), agent.start
     was["start"], now["start"] = (None if start is None else start.about() for start in (begun, begins))
     for config, said in ((run.config, was), (agent.config, now)):
@@ -79,12 +86,11 @@ def _same_run(given: Train, agent: Agent) -> Path:
         raise RunError(
             f"{run.path} was begun with {', '.join(changed)}; to go on with it as it was: sympol resume {run.path}"
         )
-    return given.run_dir
+    return run
 
 
-def _continue(path: Path, eval_episodes: int | None, as_json: bool) -> int:
+def _continue(run: Run, eval_episodes: int | None, as_json: bool) -> int:
     """Learn on from the last checkpoint."""
-    run = Run.open(path)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DamagedCheckpoint)
         agent = go_on(run)

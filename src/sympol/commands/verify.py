@@ -31,7 +31,7 @@ from ..trees.verify import (
     verify as prove,
 )
 from ..trees.verify.summary import taken
-from .arguments import Folder
+from .arguments import Folder, PlaysRun
 from .parse import parse
 from .say import one_line_errors, out
 from .sources import spec_from, tree_from
@@ -41,7 +41,7 @@ _QUANTILES = {"least": 0.0, "1 %": 0.01, "5 %": 0.05, "25 %": 0.25, "median": 0.
 
 
 @dataclass
-class Verify:
+class Verify(PlaysRun):
     """Prove what a tree always does, or never, or find an observation in which it does otherwise.
 
     The exit status is 0 where everything holds, 1 where something fails, 2 where something is asked wrongly.
@@ -172,7 +172,7 @@ def _robustness(given: Verify, tree: DecisionTree) -> dict[str, Any] | None:
         if sizes:
             raise ValueError("--noise needs observations: give --robustness EPISODES, too")
         return None
-    seen = play(tree, spec_from(given.tree, tree), given.robustness, seed=given.seed).observations
+    seen = play(tree, spec_from(given.tree, tree, given), given.robustness, seed=given.seed).observations
     unit = seen.std(axis=0, dtype=np.float64)
     radius = margin(tree, seen, unit).radius
     least = np.quantile(radius, list(_QUANTILES.values()), method="lower")

@@ -23,7 +23,7 @@ an environment have few colours, so that it loses little by having 256."""
 def watch(arguments: Sequence[str]) -> int:
     """``sympol watch``."""
     given = parse(Watch, "watch", arguments)
-    run = Run.open(given.run)
+    run = Run.open(given.run, given.env, trust=given.trust)
     policy, spec, path = policy_of(run), run.resolve_env(), given.out or run.path / FILE
     try:
         with err.status("") as status:

@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple, TypeAlias, TypeVar, get_args
 
 import gymnasium
@@ -18,13 +18,15 @@ from . import minigrid
 from .acrobot import Acrobot
 from .cartpole import CartPole
 from .env import Env
-from .host import MissingExtra
+from .equality import time_limit
+from .host import EnvironmentFailure, MissingExtra
 from .mountain_car import MountainCar, MountainCarContinuous
 from .names import known_names
 from .native import has_task
+from .origin import Origin, Wrapping, copier, describe, wrap
 from .pendulum import Pendulum
 from .spaces import Features, action_spec
-from .spec import Backend, EnvSpec, HostFactory, not_listed
+from .spec import Backend, EnvSpec, HostFactory, no_copies, not_listed
 
 Factory: TypeAlias = Callable[..., gymnasium.Env] | Callable[..., Env]
 Made = TypeVar("Made")
@@ -45,7 +47,6 @@ class Entry(NamedTuple):
 
 
 _ENTRIES: dict[str, Entry] = {}
-_PLAIN = bool | int | float | str
 _EXTRAS = ("box2d",)
 """Of ours, by the name Gymnasium knows them by, too."""
 
@@ -107,13 +108,15 @@ def resolve(
     action_names: Sequence[str] | None = None,
     groups: Sequence[Group] | None = None,
     backend: Backend = "auto",
+    wrappers: Sequence[Wrapping] = (),
 ) -> EnvSpec:
     """Find an environment by id, object or factory, and describe it.
 
-    ``env_kwargs`` are passed to what makes it, as `gymnasium.make` does. ``backend`` "jax" insists on the form
-    written in JAX, "native" on our own machine code, "host" on Gymnasium's; "auto" takes the first of these that there
-    is, machine code only where Numba is installed. Names and groups default to the registered ones, the environment's
-    own, or ``x[0]`` and ``action 0``.
+    An object is played itself. ``env_kwargs`` are passed to what makes it, as `gymnasium.make` does. ``backend`` "jax"
+    insists on the form written in JAX, "native" on our own machine code, "host" on Gymnasium's; "auto" takes the first
+    of these that there is, machine code only where Numba is installed. Names and groups default to the registered
+    ones, the environment's own, or ``x[0]`` and ``action 0``. ``wrappers`` of Gymnasium's are put around an
+    environment that is named by its id, the first of them innermost.
 
     Raises:
         UnknownEnvironment: no environment has this id; the message offers near ones.
@@ -131,8 +134,14 @@ def resolve(
         source = entry.env  # else it takes no kwargs, and Gymnasium's may
     elif entry.host is not None:
         source = entry.host
-    example, make_host, has_one_copy = _open(source, kwargs)
+    if wrappers:
+        inner = resolve(env, env_kwargs=kwargs, backend="host").make_host
+        assert inner is not None
+        source, entry = partial(_make_wrapped, inner, tuple(wrappers)), Entry()
+    example, make_host, has_one_copy, find_origin, find_copies = _open(source, {} if wrappers else kwargs)
     name = env if isinstance(env, str) else _name(example)
+    if isinstance(env, str) or (name in _ENTRIES and _ENTRIES[name].env is env):  # its name makes it again
+        find_origin = partial(Origin.of_arguments, kwargs, tuple(wrappers))
     jax_env = None if isinstance(example, gymnasium.Env) else example
     if jax_env is not None and entry.host is not None:
         make_host = partial(entry.host, **kwargs)
@@ -145,7 +154,7 @@ def resolve(
             f"{name} is written in JAX and has no form in Gymnasium; use backend='jax' or 'auto'"
         )
     in_jax = jax_env is not None and backend in ("auto", "jax")
-    as_it_is = isinstance(env, str) and not (entry.env or entry.host or kwargs)
+    as_it_is = isinstance(env, str) and not (entry.env or entry.host or kwargs or wrappers)
     is_native = not in_jax and backend != "host" and has_task(name, as_it_is, insist=backend == "native")
 
     known = known_names(example, name)
@@ -169,9 +178,10 @@ def resolve(
         actions=action_spec(example.action_space, own("action_names", action_names)),
         max_episode_steps=_max_episode_steps(example),
         has_one_copy=has_one_copy,
-        env_kwargs=kwargs or ({} if isinstance(env, str) else _made_with(example)),
         is_native=is_native,
         all_observations=getattr(jax_env, "all_observations", not_listed),
+        find_origin=find_origin,
+        find_copies=find_copies,
     )
 
 
@@ -181,6 +191,8 @@ class _Source(NamedTuple):
     example: gymnasium.Env | Env
     make_host: HostFactory | None
     has_one_copy: bool = False
+    find_origin: Callable[[], Origin] = Origin
+    find_copies: Callable[[], HostFactory | None] = no_copies
 
 
 def _open(env: Any, kwargs: dict[str, Any]) -> _Source:
@@ -197,34 +209,62 @@ def _open(env: Any, kwargs: dict[str, Any]) -> _Source:
         raise ValueError(f"env_kwargs {kwargs} do not fit this environment: {error}") from error
     if isinstance(example, gymnasium.Env):
         if not is_factory:
-            return _remake(example)
+            # both may have to make another one: only where somebody asks
+            return _Source(
+                example,
+                lambda: example,
+                has_one_copy=True,
+                find_origin=cache(
+                    partial(describe, example, _remake, f"an object of class {_class(example)}")
+                ),
+                find_copies=cache(partial(copier, example)),
+            )
         example.close()
-        return _Source(example, partial(env, **kwargs) if kwargs else env)
+        make = partial(env, **kwargs) if kwargs else env
+        return _Source(example, make, find_origin=cache(partial(_describe_made, make, _label(env))))
     if isinstance(example, Env) and not isinstance(example, gymnasium.vector.VectorEnv):
         space = example.observation_space
         if not isinstance(space, gymnasium.spaces.Box) or len(space.shape) != 1:
             raise ValueError(f"an environment in JAX must observe a Box of shape (features,), got {space}")
-        return _Source(example, None)
+        not_kept = f"an environment in JAX of class {_class(example)}"
+        return _Source(example, None, find_origin=partial(Origin, kwargs, not_kept=not_kept))
     raise TypeError(
         "env must be an id, a gymnasium.Env, an environment in JAX (see sympol.envs.env), or a function that "
         f"makes one, got {env!r}" + (f", which made {example!r}" if is_factory else "")
     )
 
 
+def _remake(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env:
+    """Make an environment by its id and arguments, as loading a run does."""
+    make_host = resolve(env_id, env_kwargs=kwargs, backend="host").make_host
+    assert make_host is not None
+    return make_host()
+
+
+def _describe_made(make: HostFactory, label: str) -> Origin:
+    made = make()
+    try:
+        return describe(made, _remake, f"made by the function {label}")
+    finally:
+        made.close()
+
+
+def _make_wrapped(make: HostFactory, wrappers: Sequence[Wrapping], **options: Any) -> gymnasium.Env:
+    return wrap(make(**options), wrappers)
+
+
+def _class(env: object) -> str:
+    kind = type(env.unwrapped if isinstance(env, gymnasium.Env) else env)
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+def _label(function: Any) -> str:
+    return getattr(function, "__qualname__", None) or repr(function)
+
+
 def _is_factory(env: object) -> bool:
     # a class of environments has an environment's attributes too, but is a function that makes one
     return callable(env) and (isinstance(env, type) or not isinstance(env, gymnasium.Env | Env))
-
-
-def _remake(env: gymnasium.Env) -> _Source:
-    """Make copies of an object from its spec, or else let it be the only one."""
-    if env.spec is not None:
-        make = partial(gymnasium.make, env.spec, disable_env_checker=True)
-        # a spec need not suffice: a wrapper may have kept its arguments to itself
-        with contextlib.suppress(gymnasium.error.Error, AttributeError, TypeError, ValueError):
-            make().close()
-            return _Source(env, make)
-    return _Source(env, lambda: env, has_one_copy=True)
 
 
 def _make(env_id: str, **kwargs: Any) -> gymnasium.Env:
@@ -236,24 +276,35 @@ def _make(env_id: str, **kwargs: Any) -> gymnasium.Env:
             # Box2D's SWIG warns at its import, and crashes the process where warnings are errors
             warnings.filterwarnings("ignore", r"builtin type \w+ has no __module__", DeprecationWarning)
             return gymnasium.make(name, disable_env_checker=True, **kwargs)
+    except (TypeError, MissingExtra):
+        raise
     except gymnasium.error.DependencyNotInstalled as error:
         hint = next(
             (f"install it: pip install 'sympol[{extra}]'" for extra in _EXTRAS if extra in str(error)), ""
         )
         raise MissingExtra(f"{env_id} needs a package that is not installed; {hint} ({error})") from error
+    except gymnasium.error.Error:
+        raise
+    except Exception as error:
+        raise EnvironmentFailure(f"{env_id} cannot be made{_with(kwargs)}: {_in_words(error)}") from error
 
 
 def _require_known(env_id: str) -> str:
-    """Return the id without its module, once that is imported. Raises UnknownEnvironment, with near ids."""
+    """Return the id without its module, once that is imported.
+
+    Raises:
+        UnknownEnvironment: No environment has this id, or there is no such module; with near ids.
+        ImportError: The module is there, but importing it failed.
+    """
     module, _, name = env_id.rpartition(":")
     if name.lower().startswith(tuple(family.lower()[:-1] for family in minigrid.FAMILIES)):
         with contextlib.suppress(ImportError):  # registers the ids that are near
             importlib.import_module("minigrid")
     try:
         if module:
-            importlib.import_module(module)
+            _import(module)
         gymnasium.spec(name)
-    except (gymnasium.error.Error, ModuleNotFoundError) as error:
+    except gymnasium.error.Error as error:
         known = {known.lower(): known for known in (*_ENTRIES, *gymnasium.registry)}
         near = [repr(known[match]) for match in difflib.get_close_matches(name.lower(), known)]
         hint = f"did you mean {' or '.join(near)}?" if near else "nothing known has a similar name."
@@ -264,27 +315,41 @@ def _require_known(env_id: str) -> str:
     return name
 
 
+def _import(module: str) -> None:
+    """Import the module that a user named, for the environments that it registers."""
+    try:
+        importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        missing = error.name or ""
+        if module == missing or module.startswith(f"{missing}."):
+            raise UnknownEnvironment(
+                f"unknown environment: there is no module {missing}; is its folder on PYTHONPATH? ({error})"
+            ) from error
+        raise MissingExtra(
+            f"module {module} was found, but needs {missing}, which is not installed; install it"
+        ) from error
+    except (Exception, SystemExit) as error:
+        raise ImportError(
+            f"module {module} was found, but importing it failed: {_in_words(error)}"
+        ) from error
+
+
+def _in_words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
+
+
+def _with(kwargs: Mapping[str, Any]) -> str:
+    return f" with {', '.join(f'{name}={value!r}' for name, value in kwargs.items())}" if kwargs else ""
+
+
 def _name(env: gymnasium.Env | Env) -> str:
     if not isinstance(env, gymnasium.Env):
         return type(env).__name__
     return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
 
 
-def _made_with(env: gymnasium.Env | Env) -> dict[str, Any]:
-    """What `gymnasium.make` was told of an object, where it can be written down: its run is remade from that."""
-    spec = env.spec if isinstance(env, gymnasium.Env) else None
-    if spec is None:
-        return {}
-    registered = gymnasium.registry.get(spec.id)
-    usual = registered.kwargs if registered is not None else {}
-    return {
-        k: v
-        for k, v in spec.kwargs.items()
-        if isinstance(v, _PLAIN) and usual.get(k) != v and k != "render_mode"
-    }
-
-
 def _max_episode_steps(env: gymnasium.Env | Env) -> int | None:
     if isinstance(env, gymnasium.Env):
-        return env.spec.max_episode_steps if env.spec is not None else None
+        limit = time_limit(env)
+        return limit if limit is not None or env.spec is None else env.spec.max_episode_steps
     return getattr(env, "max_episode_steps", None)

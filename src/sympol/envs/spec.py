@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain, repeat
 from typing import Any, Literal, TypeAlias
 
 import gymnasium
@@ -14,6 +16,7 @@ from ..trees.actions import ActionSpec
 from .env import Env
 from .host import HostEnvs
 from .native import NativeEnvs
+from .origin import Origin, Wrapping
 from .spaces import Features
 
 HostFactory: TypeAlias = Callable[..., gymnasium.Env]
@@ -24,14 +27,18 @@ def not_listed() -> None:
     """All observations of an environment that nobody can list."""
 
 
+def no_copies() -> None:
+    """What makes copies of an object that cannot be copied."""
+
+
 @dataclass(frozen=True)
 class EnvSpec:
     """One environment, as `sympol.resolve` found it.
 
     ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
-    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. ``is_native`` says that our own
-    machine code steps it. ``env_kwargs`` is what it was made with, beside its name. ``all_observations``
-    lists all there can be; it returns None where nobody can.
+    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. An environment object is played itself:
+    then ``has_one_copy`` is true, and `copies` may make more that are proven to be the same. ``is_native`` says that
+    our own machine code steps it. ``all_observations`` lists all there can be; it returns None where nobody can.
     """
 
     name: str
@@ -43,9 +50,35 @@ class EnvSpec:
     actions: ActionSpec
     max_episode_steps: int | None
     has_one_copy: bool = False  # make_host returns the user's own object, each time
-    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     is_native: bool = False
     all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
+    find_origin: Callable[[], Origin] = Origin
+    find_copies: Callable[[], HostFactory | None] = no_copies
+
+    @property
+    def origin(self) -> Origin:
+        """What it was made with, and whether a run can make it again."""
+        return self.find_origin()
+
+    @property
+    def env_kwargs(self) -> Mapping[str, Any]:
+        """The arguments it was made with, beside its name."""
+        return self.origin.env_kwargs
+
+    @property
+    def wrappers(self) -> tuple[Wrapping, ...]:
+        """The wrappers around it, from the innermost to the outermost."""
+        return self.origin.wrappers
+
+    @property
+    def preset_id(self) -> str:
+        """The id whose presets fit; empty for an environment that is not exactly what its id makes."""
+        return self.name if self.origin.is_as_registered else ""
+
+    @property
+    def can_be_copied(self) -> bool:
+        """Whether more than one copy can be stepped together."""
+        return not self.has_one_copy or self.find_copies() is not None
 
     @property
     def backend(self) -> Backend:
@@ -60,9 +93,23 @@ class EnvSpec:
             return NativeEnvs(num_envs)
         if self.make_host is None:
             raise ValueError(f"{self.name} is written in JAX and has no form in Gymnasium")
-        if self.has_one_copy and num_envs > 1:
+        if not self.has_one_copy:
+            return HostEnvs(self.make_host, num_envs, self.features)
+        own = partial(_Lent, self.make_host())
+        if num_envs == 1:
+            return HostEnvs(own, 1, self.features)
+        copies = self.find_copies()
+        if copies is None:
             raise ValueError(
                 f"num_envs must be 1, got {num_envs}: {self.name} is an object that cannot be remade from "
                 "its spec; give a function that makes one instead, for as many copies as you like"
             )
-        return HostEnvs(self.make_host, num_envs, self.features)
+        makers = chain([own], repeat(copies))
+        return HostEnvs(lambda: next(makers)(), num_envs, self.features)
+
+
+class _Lent(gymnasium.Wrapper):
+    """The user's own object, which stays open."""
+
+    def close(self) -> None:
+        """Leave it open: whoever made it closes it."""

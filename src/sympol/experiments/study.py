@@ -72,7 +72,7 @@ class Search:
         """
         seeds = tuple(require_search_seed(seed) for seed in seeds)
         spec = resolve(env, env_kwargs=env_kwargs)
-        base: dict[str, Any] = preset(spec.name, preset_name, policy=policy, algorithm=algorithm)
+        base: dict[str, Any] = preset(spec.preset_id, preset_name, policy=policy, algorithm=algorithm)
         base |= {"algorithm": algorithm, "policy": policy, "total_timesteps": total_timesteps}
         if space is None:
             space = space_of(algorithm, policy, continuous=isinstance(spec.actions, BoxActions))

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 from PIL import Image
 
+from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
 
 
@@ -35,7 +36,7 @@ def rendering(spec: EnvSpec) -> Iterator[gymnasium.Env]:
                 raise CannotRender(f"{spec.name} does not draw itself as pictures: {_remedy(spec, env)}")
             yield env
         finally:
-            if not spec.has_one_copy:
+            if not (spec.has_one_copy and env is spec.make_host()):
                 env.close()
 
 
@@ -52,13 +53,18 @@ def frame_of(env: gymnasium.Env, spec: EnvSpec) -> Image.Image:
 
 def _make(spec: EnvSpec) -> gymnasium.Env:
     assert spec.make_host is not None
+    make = spec.make_host
     if spec.has_one_copy:
-        return spec.make_host()
+        env = make()
+        copies = None if env.render_mode == "rgb_array" else spec.find_copies()
+        if copies is None:
+            return env
+        make = copies  # the object draws nothing, but one that is the same can be made so that it does
     try:
-        return spec.make_host(render_mode="rgb_array")
-    except (TypeError, ValueError, AssertionError):
+        return make(render_mode="rgb_array")
+    except (TypeError, ValueError, AssertionError, EnvironmentFailure):
         # it does not take the argument, or not this one, but may have been told already
-        return spec.make_host()
+        return make()
 
 
 def _remedy(spec: EnvSpec, env: gymnasium.Env) -> str:

@@ -28,7 +28,7 @@ _DIGITS = 3
 
 def drawing_of(spec: EnvSpec) -> str | None:
     """Return which of its own drawings the page makes of an environment, None where it needs frames."""
-    return spec.name if spec.name in DRAWN and not spec.env_kwargs else None
+    return spec.name if spec.preset_id in DRAWN else None
 
 
 def filmed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..agents import Agent, load
+from ..agents import Agent, load_run
 from ..runs.folder import Run
 from ..trees import DecisionTree
 
@@ -13,4 +13,4 @@ def policy_of(run: Run) -> Agent | DecisionTree:
     Raises:
         RunError: there is no policy yet, or it cannot be read.
     """
-    return run.load_tree() if run.has_tree else load(run.path)
+    return run.load_tree() if run.has_tree else load_run(run)

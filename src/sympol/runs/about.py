@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -10,11 +11,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import tomli_w
 
 from .. import __version__
 from ..algos.config import Config, ConfigError
 from ..envs import native
+from ..envs.arguments import to_plain
 from ..envs.spec import EnvSpec
 from ..trees import Group
 
@@ -30,11 +33,21 @@ _ABOUT = {
     "feature_names": list,
     "action_names": list,
     "env_kwargs": dict,
+    "wrappers": list,
+    "not_kept": str,
     "groups": list,
     "distilled": dict,
     "start": dict,
 }
-_LATER: dict[str, Any] = {"eval_episodes": 20, "env_kwargs": {}, "groups": [], "distilled": {}, "start": {}}
+_LATER: dict[str, Any] = {
+    "eval_episodes": 20,
+    "env_kwargs": {},
+    "wrappers": [],
+    "not_kept": "",
+    "groups": [],
+    "distilled": {},
+    "start": {},
+}
 """What runs may lack, and what it was when they were made."""
 
 
@@ -66,10 +79,23 @@ def describe(
         "eval_episodes": eval_episodes,
         "feature_names": list(spec.features.names),
         "action_names": list(spec.actions.names),
-        "env_kwargs": dict(spec.env_kwargs),
+        **made_with(spec),
         "groups": [_group_to_toml(group) for group in spec.features.groups],
         "distilled": dict(distilled),
         "start": dict(start),
+    }
+
+
+def made_with(spec: EnvSpec) -> dict[str, Any]:
+    """Return what an environment was made with, as `config.toml` holds it, and why that is not all (`not_kept`)."""
+    origin = spec.origin
+    if origin.not_kept:
+        return {"env_kwargs": {}, "wrappers": [], "not_kept": origin.not_kept}
+    wrappers = [{"name": name, "kwargs": to_plain(dict(kwargs), name)} for name, kwargs in origin.wrappers]
+    return {
+        "env_kwargs": to_plain(dict(origin.env_kwargs), "env_kwargs"),
+        "wrappers": wrappers,
+        "not_kept": "",
     }
 
 
@@ -109,9 +135,47 @@ def read(path: Path) -> tuple[dict[str, Any], Config]:
             raise RunError(f"{file}: {name} must be a {kind.__name__}, got {value!r}")
     try:
         about["groups"] = [Group(**group) for group in about["groups"]]
+        for wrapper in about["wrappers"]:
+            if not isinstance(wrapper, dict) or wrapper.keys() != {"name", "kwargs"}:
+                raise ValueError(f"wrappers must be tables of name and kwargs, got {wrapper!r}")
         return about, Config.from_dict(config)
     except (ConfigError, TypeError, ValueError) as error:
         raise RunError(f"{file}: {error}") from error
+
+
+_RUNS_A_MODULE = ("GymV21Environment-v0", "GymV26Environment-v0")
+"""Ids of Gymnasium that import whatever module their arguments name."""
+
+
+def require_no_import(env: str, path: Path, *, trust: bool = False) -> None:
+    """Refuse an environment's id, as a file names it, that would have a module imported.
+
+    Args:
+        env: The id, such as ``"my_package:Tank-v0"``.
+        path: The folder or file that names it.
+        trust: Whether its module may be imported nevertheless.
+
+    Raises:
+        RunError: The module is not imported yet, and importing it would run its code.
+    """
+    module, _, env_id = env.rpartition(":")
+    if trust or (env_id not in _RUNS_A_MODULE and (not module or _is_from(module, env_id))):
+        return
+    raise RunError(
+        f"{path} names the environment {env!r}, which needs a module; folders and files have no module imported, "
+        f"because that runs its code: if you trust it, say --trust, or name it yourself with --env {env} (in Python, "
+        f"env={env!r})"
+    )
+
+
+def _is_from(module: str, env_id: str) -> bool:
+    """Whether a module is imported already and has registered an environment of its own by this id."""
+    spec = gymnasium.registry.get(env_id)
+    if spec is None or module not in sys.modules:
+        return False
+    entry = spec.entry_point
+    home = entry.partition(":")[0] if isinstance(entry, str) else getattr(entry, "__module__", "")
+    return home.partition(".")[0] == module.partition(".")[0]
 
 
 def is_run(config_file: Path) -> bool:

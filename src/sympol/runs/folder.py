@@ -29,10 +29,12 @@ from ..algos.config import Config
 from ..algos.start import Start
 from ..algos.state import TrainState
 from ..envs import native
+from ..envs.arguments import from_plain
+from ..envs.origin import Wrapping
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
-from .about import CONFIG, RunError, describe, is_run, read, to_toml
+from .about import CONFIG, RunError, describe, is_run, read, require_no_import, to_toml
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
 from .metrics import MetricsFile
 
@@ -56,8 +58,11 @@ _MADE = (
 class Run:
     """One run's folder; see the module for what is in it."""
 
-    def __init__(self, path: Path, about: Mapping[str, Any], config: Config) -> None:
+    def __init__(
+        self, path: Path, about: Mapping[str, Any], config: Config, env: Any = None, *, trust: bool = False
+    ) -> None:
         self.path, self.about, self.config = path, about, config
+        self._env, self._trust = env, trust
         self.metrics = MetricsFile(path / "metrics.csv")
 
     @classmethod
@@ -103,13 +108,18 @@ class Run:
         return cls(path, about, config)
 
     @classmethod
-    def open(cls, path: Path) -> Run:
+    def open(cls, path: Path, env: Any = None, *, trust: bool = False) -> Run:
         """Read a run's config.
+
+        Args:
+            path: The folder.
+            env: The environment to use in place of the one that the folder names, as in `resolve`.
+            trust: Whether a module that the folder names may be imported, which runs its code.
 
         Raises:
             RunError: there is no run, or it has another format.
         """
-        return cls(path, *read(path))
+        return cls(path, *read(path), env, trust=trust)
 
     @property
     def seed(self) -> int:
@@ -153,30 +163,44 @@ class Run:
                 f"{self.path} started from a tree, which cannot be read in {file}: {error}"
             ) from error
 
-    def resolve_env(self, env: Any = None) -> EnvSpec:
-        """The environment the run was made on, or ``env`` in its place, under the names of the run.
+    def resolve_env(self) -> EnvSpec:
+        """Return the environment the run was made on, or the one it was opened with, under the names of the run.
 
         Where Numba is not installed a run that trained with its machine code can be read, and only refuses to train on.
 
         Raises:
-            RunError: the environment has no id that is known here.
+            RunError: the folder does not say all of the environment, no such id is known here, or it needs a module
+                that may not be imported.
         """
-        backend = self.about["backend"] if env is None else "auto"
+        names = {name: self.about[name] for name in ("feature_names", "action_names", "groups")}
+        if isinstance(self._env, EnvSpec):
+            return self._env
+        if self._env is not None:
+            return resolve(self._env, **names)
+        backend = self.about["backend"]
         without_numba = backend == "native" and not native.is_installed()
+        remedy = (
+            "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id"
+        )
+        name = self.about["env"]
+        if self.about["not_kept"]:
+            raise RunError(f"{self.path} was trained on {name}, {self.about['not_kept']}; {remedy}")
+        require_no_import(name, self.path, trust=self._trust)
         try:
             spec = resolve(
-                self.about["env"] if env is None else env,
-                feature_names=self.about["feature_names"],
-                action_names=self.about["action_names"],
-                env_kwargs=self.about["env_kwargs"] if env is None else None,
-                groups=self.about["groups"],
+                name,
+                env_kwargs=from_plain(self.about["env_kwargs"]),
+                wrappers=[Wrapping(w["name"], from_plain(w["kwargs"])) for w in self.about["wrappers"]],
                 backend="host" if without_numba else backend,
+                **names,
             )
         except UnknownEnvironment as error:
             raise RunError(
-                f"{self.path} was trained on {self.about['env']!r}, which is not known here; register it with "
-                "sympol.register, or give the environment itself: sympol.load(path, env=...)"
+                f"{self.path} was trained on {name!r}, which is not known here; register it with "
+                f"sympol.register, or {remedy}"
             ) from error
+        except (TypeError, ValueError) as error:
+            raise RunError(f"{self.path / CONFIG}: {error}") from error
         return replace(spec, is_native=True) if without_numba else spec
 
     def save_checkpoint(self, state: TrainState) -> None:
