@@ -72,15 +72,13 @@ def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
 
 def _value(text: str) -> Any:
     try:
-        return ast.literal_eval(text.strip())
+        with contextlib.suppress(SyntaxError, TypeError, ValueError):
+            return ast.literal_eval(text.strip())
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
     except (RecursionError, MemoryError):
         raise ValueError(f"--env-kwargs must not be nested so deep, got {text[:40]!r}...") from None
-    except (SyntaxError, TypeError, ValueError):
-        pass
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
-        return text
 
 
 def parse_train(arguments: Sequence[str]) -> Train:
