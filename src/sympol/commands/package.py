@@ -14,7 +14,7 @@ from ..trees.export.package import to_package
 from .say import err
 from .sources import tree_from
 
-_SAID = ("env", "env_kwargs", "seed", "preset", "sympol", "distilled", "start")
+_SAID = ("env", "env_kwargs", "wrappers", "not_kept", "seed", "preset", "sympol", "distilled", "start")
 """What the README says of the run the tree is from, where there is something to say."""
 
 
@@ -49,5 +49,6 @@ def _tree(source: Path) -> DecisionTree:
         return tree
     about = Run.open(source).about
     return replace(
-        tree, meta={**tree.meta, **{key: about[key] for key in _SAID if about.get(key) not in (None, {})}}
+        tree,
+        meta={**tree.meta, **{key: about[key] for key in _SAID if about.get(key) not in (None, {}, [], "")}},
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..envs.arguments import from_plain
+from ..envs.origin import Origin
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
 from ..runs.about import CONFIG, RunError, require_no_import
@@ -43,7 +43,7 @@ def _from_text(path: Path, text: str) -> DecisionTree:
     if "features" in header:
         return DecisionTree.from_text(text)
     if "env" in header:
-        spec = _environment(path, header["env"], None)
+        spec = _environment(path, header["env"], header.get("meta", {}))
         return DecisionTree.from_text(text, actions=spec.actions, **spec.features.reading())
     beside = path.with_name("policy.json")
     if not beside.exists():
@@ -66,7 +66,7 @@ def spec_from(path: Path, tree: DecisionTree, given: PlaysRun | None = None) -> 
     elif given.env is not None:
         spec = resolve(given.env)
     elif "env" in tree.meta:
-        spec = _environment(path, tree.meta["env"], tree.meta.get("env_kwargs"), trust=given.trust)
+        spec = _environment(path, tree.meta["env"], tree.meta, trust=given.trust)
     else:
         raise RunError(
             f'nothing says where the tree of {path} acts: it is in no run\'s folder, and its "meta" has no "env"'
@@ -79,12 +79,15 @@ def spec_from(path: Path, tree: DecisionTree, given: PlaysRun | None = None) -> 
     return spec
 
 
-def _environment(path: Path, name: object, kwargs: object, *, trust: bool = False) -> EnvSpec:
+def _environment(path: Path, name: object, meta: object, *, trust: bool = False) -> EnvSpec:
     """Return the environment that a file names. The file may be a stranger's: it has nothing imported."""
     if not isinstance(name, str):
         raise RunError(f"{path} names the environment {name!r}, which must be text, such as 'CartPole-v1'")
     require_no_import(name, path, trust=trust)
     try:
-        return resolve(name, env_kwargs=from_plain(kwargs) if isinstance(kwargs, dict) else None)
+        origin = Origin.from_dict(meta if isinstance(meta, dict) else {})
+        if origin.not_kept:
+            raise RunError(f"{path} is of {name}, {origin.not_kept}; give the environment: --env module:Id")
+        return resolve(name, env_kwargs=origin.env_kwargs, wrappers=origin.wrappers)
     except UnknownEnvironment as error:
         raise RunError(f"{path} acts on {name!r}, which is not known here: {error}") from error

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..agents import Agent, agent_of
 from ..algos.rules import LIMITS
 from ..envs.registry import resolve
-from ..runs.about import RunError, file_name, made_with
+from ..runs.about import RunError, file_name
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
@@ -64,7 +64,7 @@ def _same_run(given: Train, agent: Agent) -> Run:
         raise RunError("--resume needs the folder to go on in, as --run-dir, and cannot go with --overwrite")
     run = Run.open(given.run_dir)
     about = run.about
-    made = made_with(agent.spec)
+    made = agent.spec.origin.to_dict()
     was = {
         "env": about["env"],
         **{name: about[name] for name in made},

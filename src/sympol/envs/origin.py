@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import gymnasium
 from gymnasium.envs.registration import WrapperSpec
 
-from .arguments import CannotKeep, to_plain
+from .arguments import CannotKeep, from_plain, to_plain
 from .equality import WITHOUT_EFFECT, are_equal, time_limit
 
 KEPT_WRAPPERS = (
@@ -65,6 +65,37 @@ class Origin:
     def is_as_registered(self) -> bool:
         """Whether the id alone makes this environment."""
         return not (self.env_kwargs or self.wrappers or self.not_kept)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the origin as TOML and JSON can hold it: ``env_kwargs``, ``wrappers`` and ``not_kept``."""
+        if self.not_kept:
+            return {"env_kwargs": {}, "wrappers": [], "not_kept": self.not_kept}
+        wrappers = [{"name": w.name, "kwargs": to_plain(dict(w.kwargs), w.name)} for w in self.wrappers]
+        return {
+            "env_kwargs": to_plain(dict(self.env_kwargs), "env_kwargs"),
+            "wrappers": wrappers,
+            "not_kept": "",
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Origin:
+        """Read what `to_dict` returned; parts that are missing are empty.
+
+        Raises:
+            ValueError: It has another form.
+        """
+        kwargs, wrappers = content.get("env_kwargs", {}), content.get("wrappers", [])
+        if not isinstance(kwargs, dict):
+            raise ValueError(f"env_kwargs must be a table, got {kwargs!r}")
+        if not isinstance(wrappers, list):
+            raise ValueError(f"wrappers must be a list, got {wrappers!r}")
+        for wrapper in wrappers:
+            if not isinstance(wrapper, dict) or not (
+                isinstance(wrapper.get("name"), str) and isinstance(wrapper.get("kwargs"), dict)
+            ):
+                raise ValueError(f"wrappers must be tables of name and kwargs, got {wrapper!r}")
+        read = tuple(Wrapping(w["name"], from_plain(w["kwargs"])) for w in wrappers)
+        return cls(from_plain(kwargs), read, str(content.get("not_kept", "")))
 
     @classmethod
     def of_arguments(cls, env_kwargs: Mapping[str, Any], wrappers: tuple[Wrapping, ...] = ()) -> Origin:

@@ -237,7 +237,7 @@ class TreePolicy(ActorCriticPolicy):
         feature_names: Sequence[str] | None,
         action_names: Sequence[str] | None,
         groups: Sequence[Group] | None,
-    ) -> tuple[Features, ActionSpec, dict[str, str]]:
+    ) -> tuple[Features, ActionSpec, dict[str, Any]]:
         """What readers of the tree are told of its features and actions."""
         if env is None:
             features = Features.of(self.observation_space, feature_names, groups)
@@ -255,7 +255,8 @@ class TreePolicy(ActorCriticPolicy):
                     f"the {what} of {env.name} is {getattr(env, what)}, but the policy was made for "
                     f"{getattr(self, what)}; give the environment it was trained on, wrappers included"
                 )
-        return env.features, env.actions, {"env": env.name}
+        made = {name: value for name, value in env.origin.to_dict().items() if value}
+        return env.features, env.actions, {"env": env.name, **made}
 
 
 def _apply_factors(optimizer: torch.optim.Optimizer, *_: Any) -> None:

@@ -73,7 +73,8 @@ def compare(
 
 
 def _require_one_environment(runs: Sequence[Run]) -> None:
-    first, *others = [(run.about["env"], run.about["env_kwargs"]) for run in runs]
+    parts = ("env", "env_kwargs", "wrappers", "not_kept")
+    first, *others = [tuple(run.about[part] for part in parts) for run in runs]
     for run, other in zip(runs[1:], others, strict=True):
         if other != first:
             raise RunError(
@@ -82,8 +83,10 @@ def _require_one_environment(runs: Sequence[Run]) -> None:
             )
 
 
-def _made(env: str, kwargs: dict[str, Any]) -> str:
-    return env + "".join(f" {name}={value}" for name, value in kwargs.items())
+def _made(env: str, kwargs: dict[str, Any], wrappers: list[dict[str, Any]], not_kept: str) -> str:
+    around = [f"in {wrapper['name']}" for wrapper in wrappers]
+    said = [env, *(f"{name}={value}" for name, value in kwargs.items()), *around, not_kept]
+    return " ".join(part for part in said if part)
 
 
 def _names(runs: Sequence[Run]) -> list[str]:

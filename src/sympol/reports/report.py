@@ -139,9 +139,8 @@ def _curve(run: Run) -> list[dict[str, Any]] | None:
 def _provenance(run: Run, spec: EnvSpec, summary: dict[str, Any], tests: dict[str, Any]) -> list[list[str]]:
     about = run.about
     rows = [["environment", spec.name]]
-    rows += (
-        [["made with", ", ".join(f"{k}={v}" for k, v in spec.env_kwargs.items())]] if spec.env_kwargs else []
-    )
+    made_with = [*(f"{k}={v}" for k, v in spec.env_kwargs.items()), *(w.name for w in spec.wrappers)]
+    rows += [["made with", ", ".join(made_with)]] if made_with else []
     rows += [["how", f"{k}: {v}"] for k, v in about["distilled"].items()]
     if not run.is_distilled:
         rows += [["training", f"{_algorithm(run)}, seed {run.seed}, preset {about['preset']}"]]

@@ -17,7 +17,7 @@ import tomli_w
 from .. import __version__
 from ..algos.config import Config, ConfigError
 from ..envs import native
-from ..envs.arguments import to_plain
+from ..envs.origin import Origin
 from ..envs.spec import EnvSpec
 from ..trees import Group
 
@@ -79,23 +79,10 @@ def describe(
         "eval_episodes": eval_episodes,
         "feature_names": list(spec.features.names),
         "action_names": list(spec.actions.names),
-        **made_with(spec),
+        **spec.origin.to_dict(),
         "groups": [_group_to_toml(group) for group in spec.features.groups],
         "distilled": dict(distilled),
         "start": dict(start),
-    }
-
-
-def made_with(spec: EnvSpec) -> dict[str, Any]:
-    """Return what an environment was made with, as `config.toml` holds it, and why that is not all (`not_kept`)."""
-    origin = spec.origin
-    if origin.not_kept:
-        return {"env_kwargs": {}, "wrappers": [], "not_kept": origin.not_kept}
-    wrappers = [{"name": name, "kwargs": to_plain(dict(kwargs), name)} for name, kwargs in origin.wrappers]
-    return {
-        "env_kwargs": to_plain(dict(origin.env_kwargs), "env_kwargs"),
-        "wrappers": wrappers,
-        "not_kept": "",
     }
 
 
@@ -135,9 +122,7 @@ def read(path: Path) -> tuple[dict[str, Any], Config]:
             raise RunError(f"{file}: {name} must be a {kind.__name__}, got {value!r}")
     try:
         about["groups"] = [Group(**group) for group in about["groups"]]
-        for wrapper in about["wrappers"]:
-            if not isinstance(wrapper, dict) or wrapper.keys() != {"name", "kwargs"}:
-                raise ValueError(f"wrappers must be tables of name and kwargs, got {wrapper!r}")
+        Origin.from_dict(about)
         return about, Config.from_dict(config)
     except (ConfigError, TypeError, ValueError) as error:
         raise RunError(f"{file}: {error}") from error

@@ -29,8 +29,7 @@ from ..algos.config import Config
 from ..algos.start import Start
 from ..algos.state import TrainState
 from ..envs import native
-from ..envs.arguments import from_plain
-from ..envs.origin import Wrapping
+from ..envs.origin import Origin
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
@@ -183,14 +182,15 @@ class Run:
             "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id"
         )
         name = self.about["env"]
-        if self.about["not_kept"]:
-            raise RunError(f"{self.path} was trained on {name}, {self.about['not_kept']}; {remedy}")
+        origin = Origin.from_dict(self.about)
+        if origin.not_kept:
+            raise RunError(f"{self.path} was trained on {name}, {origin.not_kept}; {remedy}")
         require_no_import(name, self.path, trust=self._trust)
         try:
             spec = resolve(
                 name,
-                env_kwargs=from_plain(self.about["env_kwargs"]),
-                wrappers=[Wrapping(w["name"], from_plain(w["kwargs"])) for w in self.about["wrappers"]],
+                env_kwargs=origin.env_kwargs,
+                wrappers=origin.wrappers,
                 backend="host" if without_numba else backend,
                 **names,
             )
