@@ -139,11 +139,9 @@ class Text:
         kept = {key: document[key] for key in ("features", "actions", "groups", "meta") if document.get(key)}
         for group in kept.get("groups", []):
             group.pop("cell")
-        with contextlib.suppress(TypeError, ValueError):  # a change of it need not be TOML
-            if dice.random() < 0.6:
-                kept = changed_document(dice, kept)
-            return tomli_w.dumps(kept)
-        return 'env = "CartPole-v1"'
+        if dice.random() < 0.6:
+            kept = changed_document(dice, kept)
+        return _as_toml(kept) or 'env = "CartPole-v1"'
 
     def _by_hand(self, dice: Random, tree: DecisionTree, depth: int = 0) -> str:
         if depth == 4 or dice.random() < 0.3:
@@ -154,6 +152,13 @@ class Text:
         if dice.random() < 0.3:
             below.reverse()
         return "\n".join([question, *("  " + line for part in below for line in part.split("\n"))])
+
+
+def _as_toml(document: Any) -> str | None:
+    """Write a document; None where it holds what TOML has not."""
+    with contextlib.suppress(AttributeError, TypeError, ValueError):
+        return tomli_w.dumps(document)
+    return None
 
 
 class Properties:
@@ -307,11 +312,10 @@ class Runs:
             others[name.replace(".safetensors", ".json")] = json.dumps(seal).encode()
             return changed
         text = was.decode()
-        with contextlib.suppress(TypeError, ValueError):  # a change of it need not be TOML
-            if name.endswith(".json") and how < 0.6:
-                return json.dumps(changed_document(dice, json.loads(text))).encode()
-            if name.endswith(".toml") and how < 0.6:
-                return as_bytes(tomli_w.dumps(changed_document(dice, tomllib.loads(text))))
+        if name.endswith(".json") and how < 0.6:
+            return json.dumps(changed_document(dice, json.loads(text))).encode()
+        if name.endswith(".toml") and how < 0.6:
+            return as_bytes(_as_toml(changed_document(dice, tomllib.loads(text))) or "")
         if name == "config.toml" and dice.random() < 0.1:
             env = dice.choice((f"{EVIL}:CartPole-v1", f"{EVIL}:X-v0", "json:X-v0", "CartPole-v0", "\x1b[31m"))
             return text.replace('"CartPole-v1"', json.dumps(env)).encode()
