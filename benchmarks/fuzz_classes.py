@@ -79,7 +79,7 @@ class Json:
         if dice.random() < 0.005:
             depth = dice.choice((100, 1000, 20_000))
             return form, chain(depth, to_left=dice.random() < 0.5, actions=ACTIONS["discrete"]).to_json()
-        if dice.random() < 0.5:
+        if dice.random() < 0.75:
             return form, json.dumps(changed_document(dice, json.loads(text)))
         return form, changed_text(dice, text)
 
@@ -119,9 +119,8 @@ class Text:
         text = str(tree) if dice.random() < 0.6 else self._by_hand(dice, tree)
         if dice.random() < 0.4:
             header = self._header(dice, tree)
-            text = f"+++\n{header if dice.random() < 0.3 else changed_text(dice, header)}\n+++\n{text}"
-            return form, None, text
-        return form, which, changed_text(dice, text, self.words)
+            return form, None, f"+++\n{header}\n+++\n{text}"
+        return form, which, text if dice.random() < 0.2 else changed_text(dice, text, self.words)
 
     def ask(self, given: tuple[str, int | None, str]) -> bool:
         """Read it; use it."""
@@ -139,9 +138,9 @@ class Text:
         kept = {key: document[key] for key in ("features", "actions", "groups", "meta") if document.get(key)}
         for group in kept.get("groups", []):
             group.pop("cell")
-        if dice.random() < 0.6:
-            kept = changed_document(dice, kept)
-        return _as_toml(kept) or 'env = "CartPole-v1"'
+        how = dice.random()
+        header = _as_toml(changed_document(dice, kept) if how < 0.6 else kept) or 'env = "CartPole-v1"'
+        return header if how < 0.8 else changed_text(dice, header)
 
     def _by_hand(self, dice: Random, tree: DecisionTree, depth: int = 0) -> str:
         if depth == 4 or dice.random() < 0.3:
