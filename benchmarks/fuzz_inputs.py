@@ -5,11 +5,15 @@ A `Random` is the only source of chance, so that the same seed and number give t
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
 from collections.abc import Callable, Sequence
 from random import Random
 from typing import Any, TypeVar
+
+import tomli_w
 
 T = TypeVar("T")
 
@@ -279,6 +283,20 @@ def _keys(holder: Any) -> list[Any]:
 def as_bytes(text: str) -> bytes:
     """A text as a file holds it; what UTF-8 has not becomes bytes that are none of it."""
     return text.encode("utf-8", "surrogatepass")
+
+
+def as_toml(document: Any) -> str | None:
+    """Write a document; None where it holds what TOML has not."""
+    with contextlib.suppress(AttributeError, TypeError, ValueError):
+        return tomli_w.dumps(document)
+    return None
+
+
+def as_argument(word: str) -> str | None:
+    """A word as the shell can give it to a program; None where it cannot."""
+    with contextlib.suppress(UnicodeEncodeError):
+        return None if "\x00" in word else os.fsdecode(os.fsencode(word))
+    return None
 
 
 def smaller(given: Any, still: Callable[[Any], bool], tries: int = 150) -> Any:
