@@ -7,7 +7,6 @@ import dataclasses
 import json
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import numpy as np
 from tests.trees.samples import ACTIONS, HOSTILE_NAMES, chain, random_grouped_tree, random_tree
