@@ -28,6 +28,7 @@ import sympol
 from sympol.cli import main
 
 from .fuzz_ask import Broken, TooLong
+from .fuzz_inputs import EVIL
 
 WORK = ("train:learn", "bench:run", "tune:run", "pareto:search")
 """Functions, as the commands know them, that begin what was asked for."""
@@ -35,8 +36,6 @@ LONG = ("play.py", "film", "distill", "reports")
 """Where a command may be when it has taken long without breaking the rule: many episodes were asked for."""
 OUTPUTS = re.compile(r"(tree|report|episode|front|compare)\.\w+|distilled|runs|results|docs")
 """What commands write by default."""
-EVIL = "fuzz_evil"
-"""A module that no command may import because a file names it."""
 PRECIOUS = "what must not change\n"
 
 _WARNING = re.compile(r"^\S.*:\d+: \w*Warning: ", re.MULTILINE)

@@ -132,6 +132,32 @@ VALUES: tuple[Any, ...] = (
 )
 """What stands in a document in place of something else."""
 
+EVIL = "fuzz_evil"
+"""A module that no command may import because a file names it."""
+NAMES = (
+    *(
+        "\x1b]0;title\x07",
+        "\x1b[31m",
+        "\x9b31m",
+        "x\nerror: y",
+        "\r",
+        "\u202e",
+        "[bold]x",
+        "{0} %s",
+        "",
+        "\x00",
+    ),
+    *(
+        f"{EVIL}:CartPole-v1",
+        f"{EVIL}:X-v0",
+        "../../outside/precious.txt",
+        "json:X-v0",
+        "a" * 5000,
+        '\'); x = ("""',
+    ),
+)
+"""What a stranger may call something."""
+
 _PLACE = re.compile(r"-?\d+(?:\.\d+)?|\w+|[^\w\s]")
 
 
@@ -235,6 +261,11 @@ def changed_document(dice: Random, document: Any) -> Any:
         places = [*_places(document)]
         if not places:
             return _copy(dice.choice(VALUES))
+        names = [(holder, key) for holder, key in places if isinstance(holder[key], str)]
+        if names and dice.random() < 0.2:
+            holder, key = dice.choice(names)
+            holder[key] = dice.choice(NAMES)
+            continue
         holder, key = dice.choice(places)
         change = dice.random()
         if change < 0.35:

@@ -22,8 +22,8 @@ from sympol.runs.folder import Run
 from sympol.trees.export import FORMATS
 
 from .fuzz_ask import Broken
-from .fuzz_commands import EVIL, Box, Content, Folder, Link
-from .fuzz_inputs import as_bytes, as_toml, changed_document, changed_text
+from .fuzz_commands import Box, Content, Folder, Link
+from .fuzz_inputs import EVIL, as_bytes, as_toml, changed_document, changed_text
 
 
 class Runs:
@@ -34,7 +34,9 @@ class Runs:
         *("report.html", ".report.html.tmp", "tree.svg", "tree.pdf", "tree.onnx", ".metrics.csv.tmp"),
         *(".policy.json.tmp", ".config.toml.tmp", "episode.gif", "checkpoints/foreign.json", "policy.py"),
     )
-    commands: ClassVar[dict[tuple[str, ...], int]] = {
+    readers = ("show", "load", "verify", "explain", "eval", "diff", "compare", "tune")
+    """Commands that write nothing into the run."""
+    commands: ClassVar[dict[tuple[str, ...], float]] = {
         ("show", "run"): 12,
         ("load",): 12,
         ("verify", "run"): 4,
@@ -47,7 +49,7 @@ class Runs:
         ("train", "CartPole-v1", "--run-dir", "new", "--start", "run"): 2,
         ("report", "run", "--episodes", "1"): 2,
         ("compare", "run", "mlp", "--episodes", "1"): 1,
-        ("watch", "run", "--max-steps", "2"): 0,
+        ("watch", "run", "--max-steps", "2"): 0.2,
         ("pareto", "CartPole-v1", "--teacher", "run", "--out", "front"): 1,
         ("tune", "CartPole-v1", "--preset", "run/config.toml"): 1,
         **{("export", "run", "--to", to): 1 for to in (*FORMATS, "svg", "pdf")},
@@ -64,12 +66,16 @@ class Runs:
 
     def make(self, dice: Random) -> tuple[tuple[str, ...], dict[str, Content], str, Content]:
         """Change a file or two."""
-        command = dice.choices([*self.commands], weights=[*self.commands.values()])[0]
         others: dict[str, Content] = {}
         for _ in range(dice.choice((0, 0, 0, 0, 1, 2))):
             name = self._name(dice)
             others[name] = self._changed(dice, name, others)
         name = self._name(dice)
+        weights = {
+            command: 0 if name in self.outputs and command[0] in self.readers else weight
+            for command, weight in self.commands.items()
+        }
+        command = dice.choices([*weights], weights=[*weights.values()])[0]
         return command, others, name, self._changed(dice, name, others)
 
     def ask(self, given: tuple[tuple[str, ...], dict[str, Content], str, Content]) -> bool:
@@ -104,7 +110,6 @@ class Runs:
                 )
             )
         if name.endswith(".safetensors"):
-            others[name.replace(".safetensors", ".json")] = None
             changed = self._tensors(dice, was)
             step = int(Path(name).stem)
             seal = {"timestep": step, "sha256": hashlib.sha256(changed).hexdigest()}
@@ -115,12 +120,8 @@ class Runs:
             return json.dumps(changed_document(dice, json.loads(text))).encode()
         if name.endswith(".toml") and how < 0.6:
             return as_bytes(as_toml(changed_document(dice, tomllib.loads(text))) or "")
-        if name == "config.toml" and dice.random() < 0.1:
-            env = dice.choice((f"{EVIL}:CartPole-v1", f"{EVIL}:X-v0", "json:X-v0", "CartPole-v0", "\x1b[31m"))
-            return text.replace('"CartPole-v1"', json.dumps(env)).encode()
-        return as_bytes(
-            changed_text(dice, text, ("CartPole-v1", f"{EVIL}:CartPole-v1", "[run]", "format = 1"))
-        )
+        words = ("CartPole-v1", f"{EVIL}:CartPole-v1", "[run]", "format = 1")
+        return as_bytes(changed_text(dice, text, words))
 
     @staticmethod
     def _tensors(dice: Random, content: bytes) -> bytes:
