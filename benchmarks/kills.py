@@ -45,8 +45,8 @@ KINDS: dict[str, tuple[str, ...]] = {
     "JAX": ("CartPole-v1",),
     "host": ("FrozenLake-v1",),
     "native": ("LunarLander-v3",),
-    "--start": ("CartPole-v1", "--start", "tree.txt"),
-    "--max-nodes": ("CartPole-v1", "--max-nodes", "7"),
+    "start": ("CartPole-v1", "--start", "tree.txt"),
+    "max-nodes": ("CartPole-v1", "--max-nodes", "7"),
 }
 MOMENTS = {"anywhere": 3, "first write": 2, "save": 8, "end": 2}
 """When to kill, and how often relative to each other."""
