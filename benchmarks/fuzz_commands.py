@@ -69,12 +69,14 @@ Content = bytes | Link | Folder | None
 """Of a file; None is none."""
 
 
-def terminal(words: str) -> None:
+def terminal(words: str, whose: str) -> None:
     """Raise Broken where a terminal would be told more than text."""
     for character in set(words):
         if unicodedata.category(character) == "Cc" and character not in "\n\t":
             at = words.index(character)
-            raise Broken("control character on the terminal", repr(words[max(0, at - 60) : at + 30]))
+            raise Broken(
+                f"control character on the terminal, of {whose}", repr(words[max(0, at - 60) : at + 30])
+            )
 
 
 def call(arguments: Sequence[str]) -> Said:
@@ -124,7 +126,7 @@ def ruled(arguments: Sequence[str], said: Said) -> None:
     name = arguments[0] if arguments else ""
     lines = said.err.splitlines()
     errors = [line for line in lines if line.startswith("error: ")]
-    terminal(said.out + said.err)
+    terminal(said.out + said.err, name)
     if "Traceback (most recent call last)" in said.err:
         raise Broken(f"traceback of {name}", said.err)
     if said.status not in (0, 1, 2):

@@ -43,7 +43,7 @@ def usable(tree: DecisionTree, form: str) -> None:
     with contextlib.suppress(ValueError):  # a format may refuse what it cannot say
         tree.export(form)
     with contextlib.suppress(ValueError):
-        terminal(str(tree))
+        terminal(str(tree), "to_text")
 
 
 class Json:
@@ -169,7 +169,7 @@ class Properties:
         if where == "python":
             try:
                 for verdict in tree.verify(rule):
-                    terminal(f"{verdict.words}")
+                    terminal(verdict.words, "a verdict")
             except ValueError:
                 return False
             return True

@@ -118,7 +118,7 @@ def test_what_a_command_may_not_say(said, kind):
 def test_what_a_command_may_say():
     ruled(["show", "x"], call(["show", "x"]))
     ruled(["verify", "x"], Said(1, "✗ a rule\n", ""))
-    terminal("≤ a tree\n\tand a tab")
+    terminal("≤ a tree\n\tand a tab", "show")
 
 
 def test_a_file_that_is_lost_or_written_elsewhere_is_found(scratch):
