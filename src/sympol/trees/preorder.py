@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .actions import DiscreteActions, MultiDiscreteActions
+from .floats import brief
+
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
@@ -14,6 +17,10 @@ if TYPE_CHECKING:
 NO_CHILD = -1
 NO_FEATURE = -2
 NO_THRESHOLD = -2.0
+LONGEST_NAME = 1000
+"""Characters of a feature's, an action's, a group's or a category's name."""
+MOST_WORDS = 200_000_000
+"""Characters of all names together, each as often as a node asks about it or does it."""
 
 
 def complete_to_preorder(
@@ -82,6 +89,7 @@ def check(tree: DecisionTree) -> None:
             f"{tree.feature_high[worst]} for {tree.feature_names[worst]!r}; use -inf and inf for no bound"
         )
     _check_preorder(tree)
+    _check_lengths(tree)
     leaf = tree.is_leaf
     if (tree.feature[leaf] != NO_FEATURE).any() or (tree.threshold[leaf] != NO_THRESHOLD).any():
         raise ValueError(f"leaves must have feature {NO_FEATURE} and threshold {NO_THRESHOLD}")
@@ -96,6 +104,32 @@ def check(tree: DecisionTree) -> None:
         below = visits[tree.children_left[~leaf]] + visits[tree.children_right[~leaf]]
         if (visits < 0).any() or (visits[~leaf] != below).any():
             raise ValueError("n_node_samples must not be negative, and an inner node's is its children's sum")
+
+
+def _check_lengths(tree: DecisionTree) -> None:
+    """Raise ValueError where names are so long that they would fill the memory when every node is written."""
+    actions = tree.actions
+    components = actions.options if isinstance(actions, MultiDiscreteActions) else (actions.names,)
+    answer = sum(max(map(len, names)) for names in components)
+    if not isinstance(actions, DiscreteActions):
+        answer = sum(map(len, actions.names)) + (answer if isinstance(actions, MultiDiscreteActions) else 0)
+    in_groups = [name for group in tree.groups for name in (group.name, *group.categories)]
+    names = (*tree.feature_names, *in_groups, *actions.names, *(name for some in components for name in some))
+    longest = max(names, key=len, default="")
+    if len(longest) > LONGEST_NAME:
+        raise ValueError(
+            f"a name has at most {LONGEST_NAME:,} characters, got one of {len(longest):,}: {brief(longest)}"
+        )
+    asked = np.array([len(name) for name in tree.feature_names] or [0])
+    for group in tree.groups:
+        asked[list(group.features)] = [len(group.name) + len(category) for category in group.categories]
+    looked_at = tree.feature[~tree.is_leaf]
+    known = looked_at[(looked_at >= 0) & (looked_at < len(asked))]
+    if (written := int(asked[known].sum()) + tree.n_leaves * answer) > MOST_WORDS:
+        raise ValueError(
+            f"the names of features and actions would be written {written:,} characters long in a tree of "
+            f"{tree.n_nodes:,} nodes, more than {MOST_WORDS:,}: give shorter names"
+        )
 
 
 def _check_preorder(tree: DecisionTree) -> None:

@@ -335,6 +335,14 @@ class DecisionTree:
 
         return to_sklearn(self)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled and copied: the fields, and nothing that follows from them."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Make the tree anew, checked and read-only: arrays come out of a pickle, or a deep copy, writable."""
+        self.__init__(**{field.name: state[field.name] for field in fields(self)})
+
     def __str__(self) -> str:
         """Write the tree for people."""
         return self.to_text()
