@@ -16,7 +16,7 @@ from ..trees.export import FORMATS, SUFFIXES, canonical, format_of
 from .arguments import Folder
 from .parse import parse
 from .read import is_soft, soft_view
-from .say import err, one_line_errors, print_error
+from .say import err, one_line_errors, print_error, warnings_in_one_line
 from .sources import tree_from
 
 if TYPE_CHECKING:
@@ -81,7 +81,8 @@ def export(arguments: Sequence[str]) -> int:
         draw = tree.plot
         if given.check:
             _check(tree, given.to, _options(given))
-    _put(given, written, draw)
+    with warnings_in_one_line():
+        _put(given, written, draw)
     return 0
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 NO_CHILD = -1
 NO_FEATURE = -2
 NO_THRESHOLD = -2.0
-LONGEST_NAME = 1000
+LONGEST_NAME = 10_000
 """Characters of a feature's, an action's, a group's or a category's name."""
 MOST_WORDS = 200_000_000
 """Characters of all names together, each as often as a node asks about it or does it."""

@@ -329,11 +329,11 @@ class DecisionTree:
 
         return from_sklearn(estimator, actions, feature_names=feature_names, **space)
 
-    def to_sklearn(self) -> DecisionTreeClassifier | DecisionTreeRegressor:
+    def to_sklearn(self, *, names: bool = True) -> DecisionTreeClassifier | DecisionTreeRegressor:
         """Make a fitted scikit-learn estimator: see `sympol.trees.export.sklearn`."""
         from .export.sklearn import to_sklearn
 
-        return to_sklearn(self)
+        return to_sklearn(self, names=names)
 
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled and copied: the fields, and nothing that follows from them."""
