@@ -30,9 +30,9 @@ def from_sklearn(
     log-probabilities, or means; actions are clipped to their bounds. Observations that are subnormal in float32 count
     as zero, as everywhere.
 
-    NaN goes right at every split, as in all trees here. An estimator that learned from missing values to send them
-    left is refused. It can be told from one that never saw any unless each of its splits sends them to the side with
-    more samples, which is what scikit-learn writes down where there were none.
+    NaN goes right at every split, as in all trees here. An estimator that learned from missing values and sends them
+    left somewhere is refused. One thing cannot be told: where all of its splits send them to the side with more
+    samples, it looks as it would if there had been none, and is taken for that.
 
     Args:
         estimator: A fitted tree.
@@ -107,10 +107,10 @@ def _thresholds(grown: Any, names: Sequence[str]) -> Float32[np.ndarray, " nodes
     inner, samples = left != NO_CHILD, grown.n_node_samples
     goes_left = inner & np.asarray(getattr(grown, "missing_go_to_left", np.zeros(len(left)))).astype(bool)
     apart = np.isposinf(threshold)
-    # where a split was learned without missing values, scikit-learn would send them where more samples went
+    # of a split that was learned without missing values, scikit-learn says that they go where more samples went
     learned = inner & (apart | (goes_left != (samples[left] > samples[right])))
-    wrong = np.flatnonzero(goes_left & np.isin(feature, feature[learned]))
-    if wrong.size:
+    wrong = np.flatnonzero(goes_left)
+    if learned.any() and wrong.size:
         raise ValueError(
             f"node {wrong[0]} of the estimator sends missing values of {brief(names[feature[wrong[0]]])} left, where "
             "every tree here sends NaN right: fill missing values in, and fit it without them"
