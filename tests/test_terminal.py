@@ -116,7 +116,7 @@ def test_in_the_c_locale_all_is_ascii_that_can_be_read(tmp_path):
     [
         ("x ≤ 1, y ≥ 2, z ≠ 3", "x <= 1, y >= 2, z != 3"),
         ("├─ yes: a\n│  └─ no:  b", "+- yes: a\n|  +- no:  b"),
-        ("cos θ, Δ, ά, Größe, café", "cos theta, Delta, alpha, Gro\\xdfe, cafe"),
+        ("cos θ, Δ, ά, Größe, café", "cos theta, Delta, alpha, Grosse, cafe"),
         ("m/s², 5 °, 10⁻⁸, ½", "m/s^2, 5  deg, 10-8, 1/2"),
         ("✓ ✗ ○ → … ± − –", "ok FAILS o -> ... +/- - -"),
         ("水 \ud800", "\\u6c34 \\ud800"),
@@ -136,7 +136,7 @@ def test_a_run_whose_tree_is_a_chain_is_shown_in_one_line(tmp_path, capsys):
     document = json.loads(policy.read_text())
     chained = json.loads(chain(40_000, to_left=False, actions=DiscreteActions(2)).to_json())
     policy.write_text(json.dumps({**document, "nodes": chained["nodes"]}))
-    assert policy.stat().st_size > 3.7e6
+    assert policy.stat().st_size > 3.6e6
     said = refused(capsys, "show", tmp_path / "run")
     assert said.startswith("error: ")
     assert "more than 100,000,000 characters" in said
