@@ -170,7 +170,6 @@ def test_formats_have_the_names_of_their_suffixes(file, tree, alias, to, capsys)
         (["--to", "c", "--out", "x.h"], "--to c writes a file that ends in .c, but"),
         (["--to", "h", "--out", "x.c"], "--to h writes a file that ends in .h or .hpp or .hh, but"),
         (["--to", "json", "--out", "x.svg"], "--to json writes a file that ends in .json, but"),
-        (["--to", "package", "--out", "x.py"], "--to package writes a folder, but --out is x.py"),
         (
             ["--out", "x.jpg"],
             "nothing that is exported has the suffix .jpg, as in x.jpg; say what it is: --to",

@@ -103,11 +103,16 @@ def _kind(to: str, out: Path | None) -> str:
                 f"nothing that is exported has the suffix {suffix}, as in {out}; say what it is: --to"
             )
         return said or "python"
-    if kind not in (*FORMATS, *PICTURES, PACKAGE):
+    if kind not in (
+        *FORMATS,
+        *PICTURES,
+    ):  # a package, whose folder may be called anything, or what is refused later
         return kind
     if said not in ("", kind) or suffix in _FOREIGN or (suffix and not said and kind in PICTURES):
-        wanted = "a folder" if kind == PACKAGE else f"a file that ends in {' or '.join(_suffixes(kind))}"
-        raise ValueError(f"--to {to} writes {wanted}, but --out is {out}; change the one or the other")
+        ends = " or ".join(_suffixes(kind))
+        raise ValueError(
+            f"--to {to} writes a file that ends in {ends}, but --out is {out}; change the one or the other"
+        )
     return kind
 
 
