@@ -21,6 +21,7 @@ from sympol.trees import BoxActions, DecisionTree, DiscreteActions, MultiDiscret
 from sympol.trees.diff import diff
 from sympol.trees.force import force
 from sympol.trees.met import nodes_met
+from sympol.trees.reason import smallest_hitting_set
 from sympol.trees.text import leaf_conditions, rules
 from sympol.trees.verify import Property, equal, read_properties
 
@@ -228,6 +229,11 @@ def test_a_tree_of_depth_500_works_everywhere():
         assert DecisionTree.from_sklearn(tree.to_sklearn(names=False), tree.actions).depth == 500
         for to in ("python", "c", "rust", "javascript", "sql", "markdown", "dot", "mermaid", "latex"):
             assert tree.export(to)
+
+
+def test_reasons_of_thousands_of_features_are_found():
+    sets = [1 << i for i in range(3000)]
+    assert smallest_hitting_set([*sets, (1 << 3001) | (1 << 3000), 3]) == (*range(3001),)
 
 
 def test_what_the_way_to_a_leaf_tells_is_as_it_was(front, cartpole):

@@ -49,12 +49,15 @@ def one_line_errors() -> Iterator[None]:
     except (EnvironmentFailure, TasksFailed, ImportError, gymnasium.error.Error, OSError) as error:
         print_error(error)
         raise SystemExit(1) from None
+    except MemoryError as error:
+        print_error(f"out of memory: {error}" if str(error) else "out of memory")
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
         err.print("interrupted")
         raise SystemExit(130) from None
 
 
-def print_error(error: BaseException) -> None:
+def print_error(error: BaseException | str) -> None:
     """What ends a command, as one line."""
     err.print(f"[bold red]error:[/] {_one_line(error)}")
 
