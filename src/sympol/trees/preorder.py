@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .actions import DiscreteActions, MultiDiscreteActions
+from .actions import ActionSpec, DiscreteActions, MultiDiscreteActions
 from .floats import brief
+from .groups import Group
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -108,28 +110,44 @@ def check(tree: DecisionTree) -> None:
 
 def _check_lengths(tree: DecisionTree) -> None:
     """Raise ValueError where names are so long that they would fill the memory when every node is written."""
-    actions = tree.actions
-    components = actions.options if isinstance(actions, MultiDiscreteActions) else (actions.names,)
-    answer = sum(max(map(len, names)) for names in components)
-    if not isinstance(actions, DiscreteActions):
-        answer = sum(map(len, actions.names)) + (answer if isinstance(actions, MultiDiscreteActions) else 0)
-    in_groups = [name for group in tree.groups for name in (group.name, *group.categories)]
-    names = (*tree.feature_names, *in_groups, *actions.names, *(name for some in components for name in some))
-    longest = max(names, key=len, default="")
-    if len(longest) > LONGEST_NAME:
+    names = _lengths(tree.feature_names, tree.groups, tree.actions)
+    if len(names.longest) > LONGEST_NAME:
         raise ValueError(
-            f"a name has at most {LONGEST_NAME:,} characters, got one of {len(longest):,}: {brief(longest)}"
+            f"a name has at most {LONGEST_NAME:,} characters, got one of {len(names.longest):,}: {brief(names.longest)}"
         )
-    asked = np.array([len(name) for name in tree.feature_names] or [0])
-    for group in tree.groups:
-        asked[list(group.features)] = [len(group.name) + len(category) for category in group.categories]
     looked_at = tree.feature[~tree.is_leaf]
-    known = looked_at[(looked_at >= 0) & (looked_at < len(asked))]
-    if (written := int(asked[known].sum()) + tree.n_leaves * answer) > MOST_WORDS:
+    known = looked_at[(looked_at >= 0) & (looked_at < tree.n_features)]
+    if (written := int(names.asked[known].sum()) + tree.n_leaves * names.answer) > MOST_WORDS:
         raise ValueError(
             f"the names of features and actions would be written {written:,} characters long in a tree of "
             f"{tree.n_nodes:,} nodes, more than {MOST_WORDS:,}: give shorter names"
         )
+
+
+class _Lengths(NamedTuple):
+    """How long names are."""
+
+    longest: str
+    asked: Int[np.ndarray, " features"]
+    """What a question about each feature names."""
+    answer: int
+    """What an answer names, at most."""
+
+
+@lru_cache(maxsize=16)
+def _lengths(features: tuple[str, ...], groups: tuple[Group, ...], actions: ActionSpec) -> _Lengths:
+    """Measure; many trees, one after the other, are of the same features and actions."""
+    asked = np.array([len(name) for name in features], np.int64)
+    for group in groups:
+        asked[list(group.features)] = [len(group.name) + len(category) for category in group.categories]
+    options = actions.options if isinstance(actions, MultiDiscreteActions) else ()
+    if isinstance(actions, DiscreteActions):
+        answer = max(map(len, actions.names))
+    else:
+        answer = sum(map(len, actions.names)) + sum(max(map(len, names)) for names in options)
+    in_groups = [name for group in groups for name in (group.name, *group.categories)]
+    every = (*features, *in_groups, *actions.names, *(name for names in options for name in names))
+    return _Lengths(max(every, key=len, default=""), asked, answer)
 
 
 def _check_preorder(tree: DecisionTree) -> None:
