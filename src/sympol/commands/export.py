@@ -103,10 +103,7 @@ def _kind(to: str, out: Path | None) -> str:
                 f"nothing that is exported has the suffix {suffix}, as in {out}; say what it is: --to"
             )
         return said or "python"
-    if kind not in (
-        *FORMATS,
-        *PICTURES,
-    ):  # a package, whose folder may be called anything, or what is refused later
+    if kind == PACKAGE or kind not in (*FORMATS, *PICTURES):  # a folder of any name, or refused later
         return kind
     if said not in ("", kind) or suffix in _FOREIGN or (suffix and not said and kind in PICTURES):
         ends = " or ".join(_suffixes(kind))
