@@ -110,7 +110,7 @@ def variants(tree: DecisionTree, x: np.ndarray, python: str | None) -> dict[str,
     namespace: dict[str, Any] = {"__name__": "policy"}
     exec(tree.to_python(), namespace)
     act, lists, few = namespace["act"], x.tolist(), list(x[:FEW])
-    estimator = tree.to_sklearn()
+    estimator = tree.to_sklearn(names=False)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(tree.export("onnx"), options, providers=["CPUExecutionProvider"])

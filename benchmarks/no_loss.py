@@ -84,7 +84,7 @@ def readers(agent: sympol.PPO) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
     full, tree = agent.tree(prune=False), agent.tree()
     program: dict[str, Any] = {"__name__": "policy"}
     exec(compile(tree.to_python(), "policy.py", "exec"), program)
-    act, estimator = program["act"], tree.to_sklearn()
+    act, estimator = program["act"], tree.to_sklearn(names=False)
     listed = {} if agent.spec.all_observations() is None else {"pruned_on_all": tree.predict}
     return {
         "extracted": full.predict,

@@ -112,3 +112,74 @@ def test_a_check_that_finds_a_difference_fails(file, tmp_path, monkeypatch, caps
     assert "c differs from the tree on " in said
     assert "of 100,000 observations, first on [" in said
     assert not (tmp_path / "policy.c").exists()
+
+
+def written(capsys, *words: object) -> list[Path]:
+    """The files that an export says it has written."""
+    assert main(["export", *map(str, words)]) == 0
+    said = capsys.readouterr().err.splitlines()
+    return [Path(line.removeprefix("written to ")) for line in said]
+
+
+@pytest.mark.parametrize("to", ["svg", "png", "pdf"])
+def test_a_dot_in_a_name_is_no_suffix(file, tmp_path, to, capsys):
+    for value in ("0.1", "0.2", "1e-3.5"):
+        path = tmp_path / f"lr{value}"
+        assert written(capsys, file, "--to", to, "--out", path) == [tmp_path / f"lr{value}.{to}"]
+        assert written(capsys, file, "--to", "c", "-o", path) == [path]  # texts exactly there, as ever
+    assert len(list(tmp_path.glob(f"lr*.{to}"))) == 3
+
+
+@pytest.mark.parametrize("name", ["a.py", "a.c", "a.h", "a.hpp", "a.rs", "a.js", "a.mjs", "a.sql", "a.onnx", "a.json",
+                                  "a.txt", "a.md", "a.mmd", "a.dot", "a.tex", "lr0.1.md", "A.MD"])  # fmt: skip
+def test_the_suffix_says_what_is_written(file, tree, tmp_path, name, capsys):
+    path = tmp_path / name
+    assert written(capsys, file, "-o", path) == [path]
+    suffix = {".hpp": ".h", ".mjs": ".js"}.get(path.suffix.lower(), path.suffix.lower())
+    (to,) = [to for to, form in FORMATS.items() if form.suffix == suffix]
+    expected = tree.export(to)
+    assert (
+        path.read_bytes().rstrip()
+        == (expected if isinstance(expected, bytes) else expected.encode()).rstrip()
+    )
+
+
+@pytest.mark.parametrize("name", ["a.svg", "a.pdf", "a.PNG"])
+def test_pictures_go_by_their_suffix_too(file, tmp_path, name, capsys):
+    assert written(capsys, file, "--out", tmp_path / name) == [tmp_path / name]
+    assert (tmp_path / name).read_bytes()[:4] in (b"<?xm", b"%PDF", b"\x89PNG")
+
+
+@pytest.mark.parametrize(("alias", "to"), [("js", "javascript"), ("py", "python"), ("md", "markdown"), ("rs", "rust"),
+                                           ("h", "c-header"), ("txt", "text"), ("tex", "latex")])  # fmt: skip
+def test_formats_have_the_names_of_their_suffixes(file, tree, alias, to, capsys):
+    assert main(["export", str(file), "--to", alias]) == 0
+    assert capsys.readouterr().out.rstrip() == tree.export(to).rstrip() == tree.export(alias).rstrip()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--to", "svg", "--out", "x.jpg"], "--to svg writes a file that ends in .svg, but --out is x.jpg"),
+        (["--to", "svg", "--out", "x.png"], "--to svg writes a file that ends in .svg, but --out is x.png"),
+        (["--to", "python", "--out", "x.c"], "--to python writes a file that ends in .py, but --out is x.c"),
+        (
+            ["--to", "python", "--out", "x.jpg"],
+            "--to python writes a file that ends in .py, but --out is x.jpg",
+        ),
+        (["--to", "c", "--out", "x.h"], "--to c writes a file that ends in .c, but"),
+        (["--to", "h", "--out", "x.c"], "--to h writes a file that ends in .h or .hpp or .hh, but"),
+        (["--to", "json", "--out", "x.svg"], "--to json writes a file that ends in .json, but"),
+        (
+            ["--out", "x.jpg"],
+            "nothing that is exported has the suffix .jpg, as in x.jpg; say what it is: --to",
+        ),
+        (["-o", "x.gif"], "say what it is: --to"),
+        (["-o", "x.svg", "--check"], "and svg is one"),
+        (["-o", "x.rs", "--style", "table"], "rust takes no --style"),
+    ],
+)
+def test_a_suffix_of_something_else_is_refused(file, tmp_path, monkeypatch, words, said, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert said in refused(capsys, file, *words)
+    assert [path.name for path in tmp_path.iterdir()] == ["policy.json"]

@@ -23,6 +23,9 @@ from .samples import (
     telling_observations,
 )
 
+unnamed = pytest.mark.filterwarnings("ignore:X does not have valid feature names:UserWarning")
+"""scikit-learn says so where an estimator has names and an observation, being an array, has none."""
+
 
 def program(tree: DecisionTree):
     """Run the exported program; return its act()."""
@@ -184,6 +187,7 @@ def test_python_runs_alone(cartpole, tmp_path):
     assert done.stdout == f"{cartpole.predict([0, 0, 0, 0.1])}\n"
 
 
+@unnamed
 @pytest.mark.parametrize("name", HOSTILE_NAMES)
 def test_a_name_never_becomes_code(name):
     def named(name: str) -> DecisionTree:
@@ -211,6 +215,7 @@ def test_a_name_never_becomes_code(name):
     assert named(name).to_sklearn().predict([[0.0]]).tolist() == [[0, 0]]
 
 
+@unnamed
 def test_sklearn_probabilities_and_tools(cartpole):
     from sklearn.tree import export_text
     from sklearn.utils.validation import check_is_fitted
@@ -224,6 +229,7 @@ def test_sklearn_probabilities_and_tools(cartpole):
     assert "pole angle <= 0.02" in export_text(estimator, feature_names=list(cartpole.feature_names))
 
 
+@unnamed
 def test_sklearn_keeps_an_action_whose_probability_ties():
     tree = DecisionTree.from_complete(
         np.zeros(0, int),

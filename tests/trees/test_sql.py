@@ -177,3 +177,38 @@ def test_a_continuous_action_is_real(database):
         f"SELECT pg_typeof(action_0)::text, action_0 FROM ({to_sql(tree).rstrip().rstrip(';')}) AS q"
     )
     assert rows.fetchall() == [("real", 1.0), ("real", pytest.approx(0.1))]
+
+
+@pytest.mark.parametrize(
+    ("features", "label"),
+    [
+        (("speed", "height"), "action"),
+        (("action", "speed"), "tree_action"),
+        (("Action", "tree_action"), "tree_action_2"),
+        (("action", "TREE_ACTION", "tree_action_2"), "tree_action_3"),
+    ],
+)
+def test_the_answer_is_called_as_no_feature_is(features, label):
+    tree = DecisionTree.from_complete(
+        np.array([0]), np.array([0.0]), np.eye(2), actions=DiscreteActions(2), feature_names=features
+    )
+    with contextlib.closing(sqlite3.connect(":memory:")) as lite:
+        lite.execute(f"CREATE TABLE observations ({', '.join(f'{quoted(name)} REAL' for name in features)})")
+        lite.execute(f"INSERT INTO observations VALUES ({', '.join('5' for _ in features)})")
+        query = to_sql(tree, style="sqlite").rstrip().rstrip(";")
+        found = lite.execute(f"SELECT * FROM ({query})")
+        assert [column[0] for column in found.description] == [*features, label]
+        assert lite.execute(f"SELECT {label} FROM ({query})").fetchone() == (1,)
+
+
+def test_several_answers_are_called_as_no_feature_is(pendulum):
+    tree = DecisionTree.from_complete(
+        np.array([0]),
+        np.array([0.0]),
+        np.array([[0.25, 0.5], [-0.25, -0.5]]),
+        actions=BoxActions(-1, 1, (2,)),
+        feature_names=["x", "action_1"],
+    )
+    assert "AS tree_action_0" in to_sql(tree)
+    assert "AS tree_action_1" in to_sql(tree)
+    assert "AS action_0" in to_sql(pendulum)

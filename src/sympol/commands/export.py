@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -12,11 +12,11 @@ import tyro
 from ..runs.about import RunError
 from ..runs.folder import Run
 from ..trees import DecisionTree
-from ..trees.export import FORMATS, format_of
+from ..trees.export import FORMATS, SUFFIXES, canonical, format_of
 from .arguments import Folder, PlaysRun
 from .parse import parse
 from .read import is_soft, soft_view
-from .say import err, one_line_errors, print_error
+from .say import err, one_line_errors, print_error, warnings_in_one_line
 from .sources import tree_from
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 PICTURES = ("svg", "pdf", "png")
 PACKAGE = "package"
 """A folder of files, not one."""
+_FOREIGN = (".jpg", ".jpeg", ".gif", ".webp", ".bmp", ".tif", ".tiff", ".eps", ".html", ".htm", ".zip")
+"""Suffixes that promise what no export writes."""
 OBSERVATIONS = 100_000
 """What ``--check`` tries."""
 
@@ -41,10 +43,10 @@ class Export(PlaysRun):
     tree: Folder
     """A run's folder; or the .json or .txt of a tree."""
 
-    to: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join((*FORMATS, *PICTURES, PACKAGE))}}}")] = "python"
-    """What to write."""
+    to: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join((*FORMATS, *PICTURES, PACKAGE))}}}")] = ""
+    """What to write; a suffix such as js or md will do. By default what the suffix of --out says, else python."""
 
-    out: Path | None = None
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Where to; by default texts go to the standard output, pictures and models to RUN/tree.SUFFIX. Of a package the
     folder."""
 
@@ -63,6 +65,7 @@ class Export(PlaysRun):
 def export(arguments: Sequence[str]) -> int:
     """``sympol export``."""
     given = parse(Export, "export", arguments)
+    given = replace(given, to=_kind(given.to, given.out))
     if given.to == PACKAGE:
         return _package(given)
     if given.to not in PICTURES:
@@ -78,8 +81,40 @@ def export(arguments: Sequence[str]) -> int:
         draw = tree.plot
         if given.check:
             _check(tree, given.to, _options(given))
-    _put(given, written, draw)
+    with warnings_in_one_line():
+        _put(given, written, draw)
     return 0
+
+
+def _kind(to: str, out: Path | None) -> str:
+    """Return the name of what is to be written: what ``--to`` says, or else the file's suffix.
+
+    Only what begins with a letter is a suffix: the file ``lr0.1`` has none.
+
+    Raises:
+        ValueError: if the suffix is that of something else.
+    """
+    kind = canonical(to)
+    suffix = out.suffix.lower() if out is not None and out.suffix[1:2].isalpha() else ""
+    said = SUFFIXES.get(suffix, suffix[1:] if suffix[1:] in PICTURES else "")
+    if not kind:
+        if suffix and not said:
+            raise ValueError(
+                f"nothing that is exported has the suffix {suffix}, as in {out}; say what it is: --to"
+            )
+        return said or "python"
+    if kind == PACKAGE or kind not in (*FORMATS, *PICTURES):  # a folder of any name, or refused later
+        return kind
+    if said not in ("", kind) or suffix in _FOREIGN or (suffix and not said and kind in PICTURES):
+        ends = " or ".join(_suffixes(kind))
+        raise ValueError(
+            f"--to {to} writes a file that ends in {ends}, but --out is {out}; change the one or the other"
+        )
+    return kind
+
+
+def _suffixes(kind: str) -> tuple[str, ...]:
+    return (f".{kind}",) if kind in PICTURES else format_of(kind).suffixes
 
 
 def _package(given: Export) -> int:
@@ -152,7 +187,7 @@ def _put(given: Export, written: str | bytes | None, draw: Write) -> None:
     path = given.out or folder / f"tree{suffix}"
     try:
         if written is None:
-            path = path.with_suffix(suffix)
+            path = path if path.suffix.lower() == suffix else path.with_name(path.name + suffix)
             draw(path)
         else:
             path.write_bytes(written.encode("utf-8") if isinstance(written, str) else written)

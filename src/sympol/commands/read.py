@@ -58,7 +58,7 @@ def show(arguments: Sequence[str]) -> int:
         words = "" if summary is None else summary_words(summary)
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
-    out.print(text, markup=False)
+    print(text)
     if words:
         out.print(words)
     return 0

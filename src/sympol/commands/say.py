@@ -20,9 +20,22 @@ from ..envs.host import EnvironmentFailure
 from ..experiments.workers import TasksFailed
 from ..runs.about import RunError
 from ..runs.progress import decimals
+from ..trees.floats import printable
 
-out = Console(soft_wrap=True, highlight=False, emoji=False)
-err = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+
+class _Terminal(Console):
+    """A console on which words of strangers are only words: control characters in a text are printed as escapes."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*(_plain(one) if isinstance(one, str) else one for one in objects), **options)
+
+
+def _plain(text: str) -> str:
+    return "\n".join(map(printable, text.split("\n")))
+
+
+out = _Terminal(soft_wrap=True, highlight=False, emoji=False)
+err = _Terminal(stderr=True, soft_wrap=True, highlight=False, emoji=False)
 
 
 @contextlib.contextmanager
@@ -36,12 +49,15 @@ def one_line_errors() -> Iterator[None]:
     except (EnvironmentFailure, TasksFailed, ImportError, gymnasium.error.Error, OSError) as error:
         print_error(error)
         raise SystemExit(1) from None
+    except MemoryError as error:
+        print_error(f"out of memory: {error}" if str(error) else "out of memory")
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
         err.print("interrupted")
         raise SystemExit(130) from None
 
 
-def print_error(error: BaseException) -> None:
+def print_error(error: BaseException | str) -> None:
     """What ends a command, as one line."""
     err.print(f"[bold red]error:[/] {_one_line(error)}")
 

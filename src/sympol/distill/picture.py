@@ -9,14 +9,15 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..trees import DecisionTree
 from ..trees.plot import arrange, draw
 from ..trees.plot_boxes import FONT_SIZE, INK
-from ..trees.plot_page import STYLE, Drawable, Layout, check_file, lay_out, save
+from ..trees.plot_fonts import drawn_in, style_for
+from ..trees.plot_page import Drawable, Layout, check_file, lay_out, save
 from .picture_boxes import boxes_of
 from .soft_text import legend
 from .soft_view import SoftView, in_preorder
@@ -39,8 +40,9 @@ def plot_soft_tree(view: SoftView, path: str | PathLike[str] | None = None, *, d
     Raises:
         ValueError: if the path ends neither in .svg, .pdf nor .png, or the tree is too deep to look at.
     """
-    layout, boxes, skeleton = _arranged(view, path, digits)
-    return _on_one_page([("", skeleton, layout, boxes)], _reading(view, max(layout.extent[0], 6.0)), path)
+    layout, boxes, skeleton, style = _arranged(view, path, digits)
+    reading = _reading(view, max(layout.extent[0], 6.0))
+    return _on_one_page([("", skeleton, layout, boxes)], reading, path, style)
 
 
 def plot_beside(
@@ -51,16 +53,16 @@ def plot_beside(
     Raises:
         ValueError: as `plot_soft_tree` does.
     """
-    layout, boxes, skeleton = _arranged(view, path, digits)
+    layout, boxes, skeleton, style = _arranged(view, path, digits)
     hard, hard_boxes = arrange(tree, digits)
     parts = [("Soft decision tree", skeleton, layout, boxes), ("Hard decision tree", tree, hard, hard_boxes)]
     more = "The hard tree compares features as they are; each observation takes one way, and percentages count visits."
-    return _on_one_page(parts, _reading(view, layout.extent[0] + hard.extent[0] + _GAP, more), path)
+    return _on_one_page(parts, _reading(view, layout.extent[0] + hard.extent[0] + _GAP, more), path, style)
 
 
 def _arranged(
     view: SoftView, path: str | PathLike[str] | None, digits: int
-) -> tuple[Layout, Sequence[Drawable], DecisionTree]:
+) -> tuple[Layout, Sequence[Drawable], DecisionTree, dict[Any, Any]]:
     if path is not None:
         check_file(path)
     depth = len(view.thresholds).bit_length()
@@ -75,10 +77,9 @@ def _arranged(
         boxes = boxes_of(view, skeleton, digits, downward=downward)
         return [boxes[node] for node in order]
 
-    from matplotlib import rc_context
-
-    with rc_context(STYLE):  # the fonts decide how wide boxes are
-        return *lay_out(skeleton, boxes_when), skeleton
+    style = style_for(skeleton)
+    with drawn_in(style):  # the fonts decide how wide boxes are
+        return *lay_out(skeleton, boxes_when), skeleton, style
 
 
 def _reading(view: SoftView, width: float, more: str = "") -> list[str]:
@@ -93,9 +94,9 @@ def _on_one_page(
     parts: Sequence[tuple[str, DecisionTree, Layout, Sequence[Drawable]]],
     reading: Sequence[str],
     path: str | PathLike[str] | None,
+    style: dict[Any, Any],
 ) -> Figure:
     """Trees from left to right, all at the same scale, under their titles; below them lines of small print."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     extents = np.array([layout.extent for _, _, layout, _ in parts])
@@ -103,7 +104,7 @@ def _on_one_page(
     below = _LINE * (len(reading) + 1)
     width = max(float(extents[:, 0].sum()) + _GAP * (len(parts) - 1), 6.0)
     height = above + float(extents[:, 1].max()) + below
-    with rc_context(STYLE):
+    with drawn_in(style):
         figure = Figure(figsize=(width, height))
         left = (width - float(extents[:, 0].sum()) - _GAP * (len(parts) - 1)) / 2
         for (title, tree, layout, boxes), (wide, high) in zip(parts, extents.tolist(), strict=True):

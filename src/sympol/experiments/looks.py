@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..trees.plot import STYLE
+from ..trees.plot_page import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from PIL import Image
 
-from ..trees.plot import STYLE
 from ..trees.plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen
+from ..trees.plot_page import STYLE
 from ..trees.plot_view import LARGEST_CELL, glyph
 
 if TYPE_CHECKING:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .tree import DecisionTree
 
 _LARGEST = np.finfo(np.float32).max
+MOST_INTERVALS = 2**25
+"""Intervals that are kept at once, boxes times features: 9 bytes each, and as much again while they are made."""
 
 
 @final
@@ -140,7 +142,11 @@ def space(tree: DecisionTree, *, bounds: bool) -> Boxes:
 
     With ``bounds`` only those within the bounds of the space, both ends included: there NaN is none. Bounds that
     leave a group no category say nothing about it, as in `sympol.trees.prune`.
+
+    Raises:
+        ValueError: if the tree is so large, and has so many features, that its boxes would not fit into memory.
     """
+    check_size(tree.n_nodes, tree.n_features)
     shape = (1, tree.n_features)
     everything = Boxes(
         np.full(shape, -np.inf, np.float32),
@@ -159,6 +165,15 @@ def space(tree: DecisionTree, *, bounds: bool) -> Boxes:
         if (low[:, features] > high[:, features]).any():
             low[:, features], high[:, features] = 0, 1
     return replace(within, low=low, high=high)
+
+
+def check_size(n_boxes: int, n_features: int) -> None:
+    """Raise ValueError where so many boxes over so many features would not fit into memory."""
+    if n_boxes * n_features > MOST_INTERVALS:
+        raise ValueError(
+            f"reasoning about the tree would take {n_boxes:,} boxes of {n_features:,} features each, more than fits "
+            "into memory; prune the tree, or ask under a condition that concerns less of it"
+        )
 
 
 def node_boxes(tree: DecisionTree, *, bounds: bool) -> Boxes:

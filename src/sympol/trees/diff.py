@@ -23,6 +23,9 @@ from .verify.arrivals import send
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+_AT_ONCE = 2**24
+"""Intervals that are compared in one go, at most."""
+
 
 @final
 @dataclass(frozen=True)
@@ -182,12 +185,13 @@ def regions(before: DecisionTree, after: DecisionTree, node: int = 0) -> Iterato
     """
     start, boxes = space(before, bounds=True), leaf_boxes(before, bounds=True)
     leaves = np.flatnonzero(before.is_leaf)
-    for i, leaf in enumerate(leaves.tolist()):
-        if not node <= leaf < subtree_end(before, node):
-            continue
-        # one leaf after the other: all at once could be very many regions
-        ends = send(boxes[[i]], after)
-        for j, end in enumerate(ends.leaf.tolist()):
+    below = np.flatnonzero((node <= leaves) & (leaves < subtree_end(before, node)))
+    # some leaves after the others: all at once could be very many regions
+    at_once = max(1, _AT_ONCE // (after.n_leaves * max(before.n_features, 1)))
+    for some in np.array_split(below, -(-len(below) // at_once)):
+        ends = send(boxes[some], after)
+        for j in np.argsort(ends.origin, kind="stable"):
+            leaf, end = int(leaves[some[ends.origin[j]]]), int(ends.leaf[j])
             if _acts(before, leaf) != _acts(after, end):
                 yield Change(
                     region_words(before, ends.boxes[[j]], start), _said(before, leaf), _said(after, end)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .actions import BoxActions
-from .floats import flushed
+from .floats import brief, flushed
 from .named import Action, feature_position, leaf_value
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .text import leaf_words
@@ -214,16 +214,13 @@ def require_same_space(tree: DecisionTree, other: DecisionTree) -> None:
     }
     for what, (ours, theirs) in pairs.items():
         if ours != theirs:
-            raise ValueError(f"the trees must be of the same {what}, got {_brief(ours)} and {_brief(theirs)}")
+            raise ValueError(
+                f"the trees must be of the same {what}, got {brief(ours, 200)} and {brief(theirs, 200)}"
+            )
 
 
 def _without_noise(tree: DecisionTree) -> object:
     return replace(tree.actions, std=None) if isinstance(tree.actions, BoxActions) else tree.actions
-
-
-def _brief(what: object) -> str:
-    shown = repr(what)
-    return shown if len(shown) < 200 else shown[:197] + "..."
 
 
 def _some(nodes: np.ndarray) -> str:

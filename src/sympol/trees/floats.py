@@ -91,6 +91,16 @@ def number(x: float, digits: int | None = None) -> str:
     return repr(shortest(x)).removesuffix(".0")
 
 
+def brief(what: object, most: int = 80) -> str:
+    """Write something as Python does, cut off where that is longer than ``most`` characters."""
+    # of a text no more is escaped than is shown
+    shown = repr(what[:most]) if isinstance(what, str) else repr(what)
+    cut = isinstance(what, str) and len(what) > most
+    return f"{shown[: most - 3]}..." if cut or len(shown) > most else shown
+
+
 def printable(name: str) -> str:
     """Write a name on one line: line breaks, control and direction marks become escapes such as ``\\n``."""
+    if name.isprintable():
+        return name
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)

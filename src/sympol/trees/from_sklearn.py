@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .actions import ActionSpec, BoxActions, DiscreteActions
-from .floats import SMALLEST_NORMAL, flushed
+from .floats import SMALLEST_NORMAL, brief, flushed
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .tree import DecisionTree
 
@@ -24,9 +25,14 @@ def from_sklearn(
 ) -> DecisionTree:
     """Make our tree of a fitted one of scikit-learn's, which acts as it does on every finite observation.
 
-    A classifier's classes are the actions' numbers, one output for each component of `MultiDiscreteActions`; a
-    regressor's outputs are the numbers of a continuous action in C order. Leaves hold log-probabilities, or means;
-    actions are clipped to their bounds. Observations that are subnormal in float32 count as zero, as everywhere.
+    A classifier's classes are the actions' numbers or names, one output for each component of
+    `MultiDiscreteActions`; a regressor's outputs are the numbers of a continuous action in C order. Leaves hold
+    log-probabilities, or means; actions are clipped to their bounds. Observations that are subnormal in float32 count
+    as zero, as everywhere.
+
+    NaN goes right at every split, as in all trees here. An estimator that learned from missing values and sends them
+    left somewhere is refused. One thing cannot be told: where all of its splits send them to the side with more
+    samples, it looks as it would if there had been none, and is taken for that.
 
     Args:
         estimator: A fitted tree.
@@ -35,10 +41,13 @@ def from_sklearn(
             groups, integers, meta. Names are the estimator's own where it has any, else ``x[0]``, ``x[1]``, ….
 
     Raises:
-        ValueError: it is not fitted, or features, outputs or classes are not those it was fitted on.
+        ValueError: it is not fitted; features, outputs or classes are not those it was fitted on; it sends missing
+            values left; or a threshold is infinite and no split between missing values and numbers.
         TypeError: it is no tree of scikit-learn's.
     """
     grown = _grown(estimator)
+    space = _space(estimator, grown.n_features, **space)
+    threshold = _thresholds(grown, space["feature_names"])
     value = _leaf_values(estimator, actions)
     order = _preorder(grown.children_left, grown.children_right)
     place = np.argsort(order)
@@ -51,11 +60,11 @@ def from_sklearn(
         children_left=left,
         children_right=right,
         feature=np.where(leaf, NO_FEATURE, grown.feature[order]),
-        threshold=np.where(leaf, NO_THRESHOLD, rounded_down(grown.threshold[order])),
+        threshold=np.where(leaf, NO_THRESHOLD, threshold[order]),
         value=np.where(leaf[:, None], value[order], 0),
         n_node_samples=grown.n_node_samples[order],
         actions=actions,
-        **_space(estimator, grown.n_features, **space),
+        **space,
     )
 
 
@@ -85,6 +94,33 @@ def _space(estimator: Any, n_features: int, **given: Any) -> dict[str, Any]:
         if given.get(bound) is None:
             given[bound] = np.full(n_features, none)
     return given
+
+
+def _thresholds(grown: Any, names: Sequence[str]) -> Float32[np.ndarray, " nodes"]:
+    """The thresholds in float32, if they decide as the estimator does, also on missing values.
+
+    A split of missing values from numbers has an infinite threshold: no number is beyond the largest one.
+    """
+    left, right, feature, threshold = (
+        getattr(grown, name) for name in ("children_left", "children_right", "feature", "threshold")
+    )
+    inner, samples = left != NO_CHILD, grown.n_node_samples
+    goes_left = inner & np.asarray(getattr(grown, "missing_go_to_left", np.zeros(len(left)))).astype(bool)
+    apart = np.isposinf(threshold)
+    # of a split that was learned without missing values, scikit-learn says that they go where more samples went
+    learned = inner & (apart | (goes_left != (samples[left] > samples[right])))
+    wrong = np.flatnonzero(goes_left)
+    if learned.any() and wrong.size:
+        raise ValueError(
+            f"node {wrong[0]} of the estimator sends missing values of {brief(names[feature[wrong[0]]])} left, where "
+            "every tree here sends NaN right: fill missing values in, and fit it without them"
+        )
+    rounded = np.where(apart, np.finfo(np.float32).max, rounded_down(np.where(apart, 0, threshold)))
+    if (infinite := np.flatnonzero(inner & ~np.isfinite(rounded))).size:
+        raise ValueError(
+            f"node {infinite[0]} of the estimator has the threshold {threshold[infinite[0]]}, which is none in float32"
+        )
+    return rounded
 
 
 def rounded_down(threshold: Float64[np.ndarray, " nodes"]) -> Float32[np.ndarray, " nodes"]:
@@ -124,8 +160,9 @@ def _leaf_values(estimator: Any, actions: ActionSpec) -> Float[np.ndarray, "node
         return values[:, :, 0].astype(np.float32)
     several = isinstance(estimator.classes_, list)  # one output's are not in a list
     classes = estimator.classes_ if several else [estimator.classes_]
-    starts = (actions.start,) if isinstance(actions, DiscreteActions) else actions.start
-    parts = zip(classes, starts, sizes, strict=True)
+    discrete = isinstance(actions, DiscreteActions)
+    starts, names = ((actions.start,), (actions.names,)) if discrete else (actions.start, actions.options)
+    parts = zip(classes, starts, names, strict=True)
     return np.concatenate([_logits(values[:, k], *part) for k, part in enumerate(parts)], axis=1)
 
 
@@ -134,14 +171,10 @@ def _sizes(actions: Any) -> tuple[int, ...]:
 
 
 def _logits(
-    shares: Float64[np.ndarray, "nodes classes"], classes: np.ndarray, start: int, size: int
+    shares: Float64[np.ndarray, "nodes classes"], classes: np.ndarray, start: int, names: tuple[str, ...]
 ) -> Float32[np.ndarray, "nodes size"]:
     """Log-probabilities of all actions, also of those that no sample has; the same one is the largest."""
-    columns = np.asarray(classes).astype(np.int64) - start
-    if (columns != classes - start).any() or (columns < 0).any() or (columns >= size).any():
-        raise ValueError(
-            f"the classes must be actions, from {start} to {start + size - 1}, got {np.asarray(classes).tolist()}"
-        )
+    size, columns = len(names), _columns(np.asarray(classes).tolist(), start, names)
     shares = shares[:, : len(columns)]  # padded to the output with the most classes
     totals = shares.sum(axis=1, keepdims=True)
     logits = np.full((len(shares), size), np.log(RAREST), np.float32)
@@ -151,3 +184,20 @@ def _logits(
     tied = np.flatnonzero(logits.argmax(axis=1) != chosen)
     logits[tied, chosen[tied]] = np.nextafter(logits[tied].max(axis=1), np.float32(np.inf))
     return logits
+
+
+def _columns(classes: list[Any], start: int, names: tuple[str, ...]) -> Int[np.ndarray, " classes"]:
+    """Which action each class is, by its number or by its name. Raises ValueError where one is none."""
+    columns = []
+    for one in classes:
+        if isinstance(one, str):
+            found = [i for i, name in enumerate(names) if name == one]
+        else:
+            found = [i for i in range(len(names)) if one == start + i]
+        columns += found if len(found) == 1 else [-1]
+    if -1 in columns:
+        named = f"; by name there are {', '.join(map(repr, names))}" if isinstance(classes[0], str) else ""
+        raise ValueError(
+            f"the classes must be actions, from {start} to {start + len(names) - 1}, got {classes}{named}"
+        )
+    return np.array(columns)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
-from .floats import flushed, printable
+from .floats import brief, flushed, printable
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -19,17 +19,22 @@ if TYPE_CHECKING:
 Action: TypeAlias = str | int | float | Sequence[Any] | np.ndarray
 """An action as people give it: see `action_of`."""
 
+_MOST_COMPARED, _LONGEST_COMPARED = 1000, 200
+"""Names, and their characters, among which a similar one is looked for: it takes time in proportion to the square."""
+
 SURE = 0.99
 """The probability at a leaf of an action that was written there by hand; the others share the rest."""
 
 
 def did_you_mean(name: str, names: Sequence[str]) -> str:
     """Offer the names most like one that is none: ``did you mean 'push left'?``, or all of a few."""
-    known = {printable(one).lower(): printable(one) for one in names}
-    near = [repr(known[match]) for match in difflib.get_close_matches(name.lower(), known)]
+    known = {printable(one).lower(): printable(one) for one in names[:_MOST_COMPARED]}
+    near = [
+        brief(known[match]) for match in difflib.get_close_matches(name.lower()[:_LONGEST_COMPARED], known)
+    ]
     if near:
         return f"did you mean {' or '.join(near)}?"
-    some = ", ".join(repr(one) for one in list(known.values())[:8])
+    some = ", ".join(brief(one) for one in list(known.values())[:8])
     return f"there are {some}{', …' if len(known) > 8 else ''}"
 
 
@@ -43,11 +48,14 @@ def position(name: str, names: Sequence[str], what: str) -> int:
 
     found = [i for i, one in enumerate(names) if one == name]
     found = found or [i for i, one in enumerate(names) if printable(one).strip() == name.strip()]
-    found = found or [i for i, one in enumerate(names) if one == without_units(names).get(name.strip())]
+    if not found and (in_full := without_units(names).get(name.strip())) is not None:
+        found = [i for i, one in enumerate(names) if one == in_full]
     if not found:
-        raise ValueError(f"unknown {what} {name!r}; {did_you_mean(name, names)}")
+        raise ValueError(f"unknown {what} {brief(name)}; {did_you_mean(name, names)}")
     if len(found) > 1:
-        raise ValueError(f"{len(found)} of the names are {name!r}, as {what}s {found}: give its number")
+        raise ValueError(
+            f"{len(found)} of the names are {brief(name)}, as {what}s {brief(found)}: give its number"
+        )
     return found[0]
 
 

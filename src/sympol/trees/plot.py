@@ -18,7 +18,8 @@ import numpy as np
 from .actions import BoxActions, DiscreteActions
 from .floats import number, printable
 from .plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen, TextBox, shortened
-from .plot_page import STYLE, Drawable, Layout, check_file, lay_out, save
+from .plot_fonts import drawn_in, style_for
+from .plot_page import Drawable, Layout, check_file, lay_out, save
 from .plot_view import ViewBox, view_side
 from .text import asked_group, leaf_words, question, visit_share
 from .tree import DecisionTree
@@ -52,7 +53,8 @@ def plot(
 
     Thresholds have ``digits`` significant digits; `to_text` writes them exactly. Lines are as thick as the
     share of visits that went along, where visits are known. ``highlight`` is an observation [features]: the
-    way it goes stands out, and everything else is pale.
+    way it goes stands out, and everything else is pale. Characters that are in no font of this machine become boxes,
+    of which a warning is given.
 
     Raises:
         ValueError: if the path ends neither in .svg, .pdf nor .png, or the tree is too large to look at, or
@@ -65,10 +67,9 @@ def plot(
     lit = None if highlight is None else tree.decision_path(highlight)
     if lit is not None and lit.ndim != 1:
         raise ValueError(f"highlight must be one observation, got {len(lit)} of them")
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(STYLE):
+    with drawn_in(style_for(tree)):
         layout, boxes = arrange(tree, digits)
         if ax is None:
             ax = Figure(figsize=tuple(layout.extent)).add_axes((0, 0, 1, 1))

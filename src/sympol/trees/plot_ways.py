@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .plot import STYLE, arrange, draw
+from .plot import arrange, draw
+from .plot_fonts import drawn_in, style_for
 from .tree import DecisionTree
 
 if TYPE_CHECKING:
@@ -25,10 +26,8 @@ class Ways:
     """
 
     def __init__(self, tree: DecisionTree, *, most_pixels: tuple[int, int], dpi: float) -> None:
-        from matplotlib import rc_context
-
-        self._tree, self._parents = tree, _parents(tree)
-        with rc_context(STYLE):
+        self._tree, self._parents, self._style = tree, _parents(tree), style_for(tree)
+        with drawn_in(self._style):
             self._layout, self._boxes = arrange(tree, 4)
             self._scale = min(1.0, *(np.array(most_pixels) / (dpi * self._layout.extent)))
             self._dpi = max(_LEAST_DPI, dpi * self._scale)
@@ -44,9 +43,7 @@ class Ways:
 
     def whole(self) -> UInt8[np.ndarray, "height width 3"]:
         """Draw the tree, nothing lit."""
-        from matplotlib import rc_context
-
-        with rc_context(STYLE):
+        with drawn_in(self._style):
             canvas = self._blank()
             draw(self._tree, self._layout, self._boxes, canvas.figure.axes[0])
             canvas.draw()
@@ -54,15 +51,13 @@ class Ways:
 
     def way(self, leaf: int) -> UInt8[np.ndarray, "height width 3"]:
         """Draw the tree with the way to a leaf lit."""
-        from matplotlib import rc_context
-
         lit: Bool[np.ndarray, " nodes"] = np.zeros(self._tree.n_nodes, bool)
         node = leaf
         while node >= 0:
             lit[node] = True
             node = int(self._parents[node])
         canvas, ax = self._canvas, self._canvas.figure.axes[0]
-        with rc_context(STYLE):
+        with drawn_in(self._style):
             ax.clear()
             draw(self._tree, self._layout, self._boxes, ax, lit, only_lit=True)
             canvas.restore_region(self._pale)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from .actions import ActionSpec, DiscreteActions, MultiDiscreteActions
+from .floats import brief
+from .groups import Group
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -14,6 +19,10 @@ if TYPE_CHECKING:
 NO_CHILD = -1
 NO_FEATURE = -2
 NO_THRESHOLD = -2.0
+LONGEST_NAME = 10_000
+"""Characters of a feature's, an action's, a group's or a category's name."""
+MOST_WORDS = 200_000_000
+"""Characters of all names together, each as often as a node asks about it or does it."""
 
 
 def complete_to_preorder(
@@ -82,6 +91,7 @@ def check(tree: DecisionTree) -> None:
             f"{tree.feature_high[worst]} for {tree.feature_names[worst]!r}; use -inf and inf for no bound"
         )
     _check_preorder(tree)
+    _check_lengths(tree)
     leaf = tree.is_leaf
     if (tree.feature[leaf] != NO_FEATURE).any() or (tree.threshold[leaf] != NO_THRESHOLD).any():
         raise ValueError(f"leaves must have feature {NO_FEATURE} and threshold {NO_THRESHOLD}")
@@ -96,6 +106,48 @@ def check(tree: DecisionTree) -> None:
         below = visits[tree.children_left[~leaf]] + visits[tree.children_right[~leaf]]
         if (visits < 0).any() or (visits[~leaf] != below).any():
             raise ValueError("n_node_samples must not be negative, and an inner node's is its children's sum")
+
+
+def _check_lengths(tree: DecisionTree) -> None:
+    """Raise ValueError where names are so long that they would fill the memory when every node is written."""
+    names = _lengths(tree.feature_names, tree.groups, tree.actions)
+    if len(names.longest) > LONGEST_NAME:
+        raise ValueError(
+            f"a name has at most {LONGEST_NAME:,} characters, got one of {len(names.longest):,}: {brief(names.longest)}"
+        )
+    looked_at = tree.feature[~tree.is_leaf]
+    known = looked_at[(looked_at >= 0) & (looked_at < tree.n_features)]
+    if (written := int(names.asked[known].sum()) + tree.n_leaves * names.answer) > MOST_WORDS:
+        raise ValueError(
+            f"the names of features and actions would be written {written:,} characters long in a tree of "
+            f"{tree.n_nodes:,} nodes, more than {MOST_WORDS:,}: give shorter names"
+        )
+
+
+class _Lengths(NamedTuple):
+    """How long names are."""
+
+    longest: str
+    asked: Int[np.ndarray, " features"]
+    """What a question about each feature names."""
+    answer: int
+    """What an answer names, at most."""
+
+
+@lru_cache(maxsize=16)
+def _lengths(features: tuple[str, ...], groups: tuple[Group, ...], actions: ActionSpec) -> _Lengths:
+    """Measure; many trees, one after the other, are of the same features and actions."""
+    asked = np.array([len(name) for name in features], np.int64)
+    for group in groups:
+        asked[list(group.features)] = [len(group.name) + len(category) for category in group.categories]
+    options = actions.options if isinstance(actions, MultiDiscreteActions) else ()
+    if isinstance(actions, DiscreteActions):
+        answer = max(map(len, actions.names))
+    else:
+        answer = sum(map(len, actions.names)) + sum(max(map(len, names)) for names in options)
+    in_groups = [name for group in groups for name in (group.name, *group.categories)]
+    every = (*features, *in_groups, *actions.names, *(name for names in options for name in names))
+    return _Lengths(max(every, key=len, default=""), asked, answer)
 
 
 def _check_preorder(tree: DecisionTree) -> None:

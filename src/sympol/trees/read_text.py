@@ -30,7 +30,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -38,7 +37,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .actions import ActionSpec
+from .bounded import read_toml
 from .edit import leaf_tree
+from .floats import brief
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .reading import Asked, read_answer, read_question
 from .serialize import FORMAT, VERSION, from_json, read_actions
@@ -46,7 +47,7 @@ from .tree import DecisionTree
 
 FENCE = "+++"
 _LABELLED = re.compile(r"([ │├└─|+`\\-]*)(yes|no):(.*)", re.IGNORECASE)
-_SHARE = re.compile(r" {2,}[<>]?[0-9]{1,3} %$")
+_SHARE = re.compile(r"(?<! ) {2,}[<>]?[0-9]{1,3} %$")
 
 
 class Header(NamedTuple):
@@ -119,15 +120,11 @@ def read_header(text: str) -> Header:
     fences = [i for i, line in enumerate(lines) if line.strip() == FENCE]
     if len(fences) < 2 or fences[0] != first:
         return Header({}, lines, 0)
-    try:
-        content = tomllib.loads("\n".join(lines[first + 1 : fences[1]]))
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"the header, between {FENCE} and {FENCE}, is not TOML: {error}") from error
-    except RecursionError as error:
-        raise ValueError("the header nests too deeply for a tree") from error
+    written = "\n".join(lines[first + 1 : fences[1]])
+    content = read_toml(written, "the header", f", between {FENCE} and {FENCE},")
     if unknown := content.keys() - {"features", "actions", "groups", "meta", "env"}:
         raise ValueError(
-            f"the header says {sorted(unknown)[0]!r}; it may say features, actions, groups, meta and env"
+            f"the header says {brief(sorted(unknown)[0])}; it may say features, actions, groups, meta and env"
         )
     return Header(content, lines[fences[1] + 1 :], fences[1] + 1)
 
@@ -136,7 +133,7 @@ def _space(
     header: dict[str, Any], like: DecisionTree | None, actions: ActionSpec | None, space: dict[str, Any]
 ) -> DecisionTree:
     """A tree of one leaf that knows features and actions."""
-    meta = header.get("meta", {}) | ({"env": header["env"]} if "env" in header else {})
+    meta = _meta(header)
     if "features" in header or "actions" in header:
         if "features" not in header or "actions" not in header:
             raise ValueError("the header must say both features and actions, or only env")
@@ -154,6 +151,18 @@ def _space(
             f"feature_names=, or begin the text with a header between two lines {FENCE}"
         )
     return replace(known, meta={**known.meta, **meta})
+
+
+def _meta(header: dict[str, Any]) -> dict[str, Any]:
+    """What the header says of the tree that is no part of it, as plain JSON."""
+    meta = header.get("meta", {})
+    if not isinstance(meta, dict):
+        raise ValueError(f"the header: meta must be a table, got {brief(meta)}")
+    try:
+        said = {**meta, **({"env": header["env"]} if "env" in header else {})}
+        return json.loads(json.dumps(_finite(said), allow_nan=False))
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"the header: {error}") from error
 
 
 def _declared(header: dict[str, Any], meta: dict[str, Any]) -> DecisionTree:
@@ -207,7 +216,7 @@ def _outline(header: Header) -> _Line:
         parent = above[-1]
         if label in parent.below:
             raise ValueError(
-                f"line {number}: {label} is said twice below line {parent.number}, {parent.words!r}; mind the "
+                f"line {number}: {label} is said twice below line {parent.number}, {brief(parent.words)}; mind the "
                 "indentation"
             )
         if any(other.column != line.column for other in parent.below.values()):
@@ -220,16 +229,15 @@ def _outline(header: Header) -> _Line:
     for line in _all(root):
         if len(line.below) == 1:
             missing = "no" if "yes" in line.below else "yes"
-            raise ValueError(f"line {line.number}: {line.words!r} lacks {missing}: below it")
+            raise ValueError(f"line {line.number}: {brief(line.words)} lacks {missing}: below it")
     return root
 
 
 def _labelled(number: int, words: str) -> tuple[_Line, str]:
     found = _LABELLED.fullmatch(words)
     if found is None:
-        what = (
-            "a tab, which has no certain width; indent with spaces" if "\t" in words else repr(words.strip())
-        )
+        tab = "a tab, which has no certain width; indent with spaces"
+        what = tab if "\t" in words else brief(words.strip())
         raise ValueError(f"line {number}: expected yes: or no:, got {what}")
     indent, label, words = found.groups()
     return _Line(number, len(indent), words.strip()), label.lower()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from .actions import BoxActions, DiscreteActions, MultiDiscreteActions
 from .edit import checked_threshold
-from .floats import next_below, printable
+from .floats import brief, next_below, printable
 from .named import did_you_mean, leaf_value, position
 from .regions import Way
 from .tree import DecisionTree
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float32
 
-_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _COMPARISON = re.compile(rf"(.*)(≤|<=|≥|>=|<|>)\s*({_NUMBER})")
 CATEGORY = 0.5
 """The threshold between the 0 and the 1 of a feature in a group; any from 0 to below 1 asks the same."""
@@ -45,11 +45,13 @@ def read_question(tree: DecisionTree, words: str) -> Asked:
         if not found or name.strip() in map(str.strip, names):
             found.add(compare(position(name.strip(), names, "feature"), sign, float(number)))
     if len(found) > 1:
-        raise ValueError(f"{words!r} can be read in {len(found)} ways; name features and categories apart")
+        raise ValueError(
+            f"{brief(words)} can be read in {len(found)} ways; name features and categories apart"
+        )
     if not found:
         known = [*tree.feature_names, *(g.words(f) for g in tree.groups for f in g.features)]
         raise ValueError(
-            f"expected a question such as NAME ≤ NUMBER, got {words!r}; {did_you_mean(words, known)}"
+            f"expected a question such as NAME ≤ NUMBER, got {brief(words)}; {did_you_mean(words, known)}"
         )
     return found.pop()
 
@@ -83,7 +85,7 @@ def read_answer(tree: DecisionTree, words: str) -> Float32[np.ndarray, " outputs
     if len(found) != 1:
         example = ", ".join(actions.words(actions.decide(tree.value[:1])[0]))
         how = f"can be read in {len(found)} ways" if found else f"is no action, which is such as {example!r}"
-        raise ValueError(f"{words!r} {how}")
+        raise ValueError(f"{brief(words)} {how}")
     return leaf_value(actions, found[0])
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from typing import final
 
 import numpy as np
@@ -62,8 +64,13 @@ def smallest_hitting_set(sets: Iterable[int]) -> tuple[int, ...]:
 
 def _hit(sets: list[int], size: int) -> tuple[int, ...] | None:
     """As many positions as ``size`` that hit all sets, or None where there are none."""
+    # what hits a set that has nothing else, all of it at once: there may be thousands
+    forced = reduce(or_, (one for one in sets if one.bit_count() == 1), 0)
+    if forced:
+        found = _hit([one for one in sets if not one & forced], size - forced.bit_count())
+        return None if found is None else (*_bits(forced), *found)
     if not sets:
-        return ()
+        return () if size >= 0 else None
     if _disjoint(sets) > size:
         return None
     branch = min(sets, key=lambda one: (one.bit_count(), one))

@@ -26,7 +26,8 @@ from typing import Any, Never
 import numpy as np
 
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
-from .floats import shortest
+from .bounded import read_json
+from .floats import brief, shortest
 from .groups import LARGEST_CELL, Group
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .tree import DecisionTree
@@ -60,14 +61,10 @@ def from_json(text: str) -> DecisionTree:
     """Read a tree.
 
     Raises:
-        ValueError: if the text is not JSON, not of this format and version, or not a tree.
+        ValueError: if the text is not JSON, not of this format and version, not a tree, or larger or nested deeper
+            than `sympol.trees.bounded` reads.
     """
-    try:
-        return _read(json.loads(text, parse_constant=_refuse))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"not JSON (was the file cut off?): {error}") from error
-    except RecursionError as error:
-        raise ValueError("the JSON nests too deeply for a tree") from error
+    return _read(read_json(text))
 
 
 def _lines(items: Iterable[object]) -> str:
@@ -121,7 +118,7 @@ def _read(document: object) -> DecisionTree:
         raise ValueError(f'not a tree of sympol: it lacks "format": "{FORMAT}"')
     if document.get("version") != VERSION:
         raise ValueError(
-            f"version {document.get('version')!r} of the format; this sympol reads version {VERSION}"
+            f"version {brief(document.get('version'))} of the format; this sympol reads version {VERSION}"
         )
     keys = ("format", "version", "features", "actions", "nodes", "meta")
     _fields(document, "the document", *keys, optional="groups")
@@ -249,12 +246,7 @@ def _read_nodes(nodes: list[Any], n_outputs: int) -> dict[str, Any]:
 
 
 def _fail(where: str, expected: str, got: object) -> Never:
-    shown = repr(got)
-    raise ValueError(f"{where} must be {expected}, got {shown if len(shown) < 80 else shown[:77] + '...'}")
-
-
-def _refuse(constant: str) -> Never:
-    raise ValueError(f"not strict JSON: it has no {constant}")
+    raise ValueError(f"{where} must be {expected}, got {brief(got)}")
 
 
 def _fields(value: object, where: str, *keys: str, optional: str | None = None) -> dict[str, Any]:

@@ -7,13 +7,16 @@ means: ``front is lava``. There yes is the right child, everywhere else the left
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from .floats import number, printable
 from .groups import Group
 from .tree import DecisionTree
+
+MOST_CHARACTERS = 100_000_000
+"""In a listing, or in all sentences of a tree; lines of a chain some 5,000 deep have as many."""
 
 
 @dataclass(frozen=True)
@@ -45,43 +48,98 @@ def to_text(tree: DecisionTree, *, digits: int | None = None) -> str:
 
     Thresholds are written in the fewest digits that give the same float32 back, or in ``digits`` significant
     ones. The text has no line break at its end.
+
+    Raises:
+        ValueError: if it would have more than `MOST_CHARACTERS`, as that of a chain thousands of comparisons deep.
     """
     lines: list[tuple[str, str]] = []
-    awaited = [(0, "", "")]
+    awaited = [(0, "", "", "")]
+    length = 0
     while awaited:
-        node, head, indent = awaited.pop()
-        lines.append((head + node_words(tree, node, digits), visit_share(tree, node)))
+        node, above, label, further = awaited.pop()
+        lines.append((above + label + node_words(tree, node, digits), visit_share(tree, node)))
+        length = _counted(length, lines[-1][0])
         if not tree.is_leaf[node]:
-            asked = question(tree, node, digits)
-            awaited.append((asked.no_child, indent + "└─ no:  ", indent + "   "))
-            awaited.append((asked.yes_child, indent + "├─ yes: ", indent + "│  "))
+            asked, indent = question(tree, node, digits), above + further
+            awaited.append((asked.no_child, indent, "└─ no:  ", "   "))
+            awaited.append((asked.yes_child, indent, "├─ yes: ", "│  "))
     width = max(len(line) for line, _ in lines)
-    return "\n".join(f"{line:<{width}}  {share:>5}".rstrip() for line, share in lines)
+    for line, share in lines:
+        length = _counted(length, " " * (width - len(line)) if share else "")
+    return "\n".join(f"{line:<{width}}  {share:>5}" if share else line.rstrip() for line, share in lines)
 
 
 def rules(tree: DecisionTree, *, digits: int | None = None) -> list[str]:
     """Write one sentence a leaf, in the order of the listing.
 
     Several conditions on a feature become one interval, several on a group become one phrase.
+
+    Raises:
+        ValueError: if they would have more than `MOST_CHARACTERS`.
     """
-    return [rule_words(tree, leaf, known, digits) for leaf, known in leaf_conditions(tree)]
+    return checked_lines(rule_words(tree, leaf, known, digits) for leaf, known in leaf_conditions(tree))
+
+
+def checked_lines(lines: Iterable[str]) -> list[str]:
+    """Return the lines in which something is written of a tree, if they are not too long to be kept.
+
+    A tree that is one long chain has lines as long as it is deep, all together in proportion to its size squared.
+
+    Raises:
+        ValueError: if they have more than `MOST_CHARACTERS`.
+    """
+    kept: list[str] = []
+    length = 0
+    for line in lines:
+        length = _counted(length, line)
+        kept.append(line)
+    return kept
+
+
+def _counted(length: int, line: str) -> int:
+    """Return the length with one more line. Raises ValueError where that is too long."""
+    if (length := length + len(line)) > MOST_CHARACTERS:
+        raise ValueError(
+            f"the tree is too deep to be written for people: it would take more than {MOST_CHARACTERS:,} characters; "
+            "prune it, or export it as json or as a program"
+        )
+    return length
 
 
 def leaf_conditions(tree: DecisionTree) -> Iterator[tuple[int, Conditions]]:
-    """Go through the leaves, in the order of the listing, with what the way to each tells."""
-    awaited: list[tuple[int, Conditions]] = [(0, {})]
-    while awaited:
-        node, known = awaited.pop()
+    """Go through the leaves, in the order of the listing, with what the way to each tells.
+
+    What is yielded is changed afterwards: copy what has to be kept.
+    """
+    known: Conditions = {}
+    # a node, and what the question above it tells of what; without a node, what was known of it before
+    awaited: list[tuple[int | None, int | Group, Interval | Choice | None]] = []
+
+    def enter(node: int) -> Iterator[int]:
+        """Yield the node if it is a leaf, and have its children awaited if it is none."""
         if tree.is_leaf[node]:
-            yield node, known
-            continue
+            yield node
+            return
         feature, threshold = int(tree.feature[node]), float(tree.threshold[node])
         asked, group = question(tree, node), asked_group(tree, node)
         about = feature if group is None else group
-        new = Interval(tree.feature_names[feature]) if group is None else Choice(group)
+        before = known.get(about)
+        new = before or (Interval(tree.feature_names[feature]) if group is None else Choice(group))
+        awaited.append((None, about, before))
         for child, yes in ((asked.no_child, False), (asked.yes_child, True)):
-            told = known.get(about, new).told(feature, threshold, yes=yes)
-            awaited.append((child, {**known, about: told}))
+            awaited.append((child, about, new.told(feature, threshold, yes=yes)))
+
+    for leaf in enter(0):
+        yield leaf, known
+    while awaited:
+        node, about, told = awaited.pop()
+        if told is None:
+            del known[about]
+        else:
+            known[about] = told
+        if node is not None:
+            for leaf in enter(node):
+                yield leaf, known
 
 
 def rule_words(tree: DecisionTree, leaf: int, known: Conditions, digits: int | None = None) -> str:

@@ -329,11 +329,19 @@ class DecisionTree:
 
         return from_sklearn(estimator, actions, feature_names=feature_names, **space)
 
-    def to_sklearn(self) -> DecisionTreeClassifier | DecisionTreeRegressor:
+    def to_sklearn(self, *, names: bool = True) -> DecisionTreeClassifier | DecisionTreeRegressor:
         """Make a fitted scikit-learn estimator: see `sympol.trees.export.sklearn`."""
         from .export.sklearn import to_sklearn
 
-        return to_sklearn(self)
+        return to_sklearn(self, names=names)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled and copied: the fields, and nothing that follows from them."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Make the tree anew, checked and read-only: arrays come out of a pickle, or a deep copy, writable."""
+        self.__init__(**{field.name: state[field.name] for field in fields(self)})
 
     def __str__(self) -> str:
         """Write the tree for people."""

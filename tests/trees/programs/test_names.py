@@ -33,7 +33,8 @@ def plainly_named(tree: DecisionTree) -> DecisionTree:
         replace(group, name=f"g{i}", categories=tuple(f"c{j}" for j in range(len(group.features))))
         for i, group in enumerate(tree.groups)
     )
-    names = tuple(f"f{i}" for i in range(tree.n_features))
+    # a feature that is called as SQL's answer is gives that another name
+    names = tuple("action" if name == "action" else f"f{i}" for i, name in enumerate(tree.feature_names))
     return replace(tree, actions=actions, groups=groups, feature_names=names)
 
 

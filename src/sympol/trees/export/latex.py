@@ -19,6 +19,8 @@ yes/.style={edge label={node[midway, left, font=\scriptsize]{yes}}},
 no/.style={edge label={node[midway, right, font=\scriptsize]{no}}},
 action/.style={rounded corners}"""
 
+_DEEPEST_INDENT = 100
+"""Levels that are indented; without a limit, the lines of a chain take memory in proportion to its depth squared."""
 _AS_ITSELF = " .,:;()/?!*+-=@"
 _COMMANDS = {
     "\\": r"{\textbackslash}",
@@ -47,10 +49,10 @@ def to_latex(tree: DecisionTree, *, digits: int | None = None) -> str:
     while awaited:
         if (entry := awaited.pop()) is None:
             depth -= 1
-            lines.append("  " * depth + "]")
+            lines.append("  " * min(depth, _DEEPEST_INDENT) + "]")
             continue
         node, edge = entry
-        indent = "  " * depth
+        indent = "  " * min(depth, _DEEPEST_INDENT)
         if tree.is_leaf[node]:
             parts = [*leaf_words(tree, node, digits), visit_share(tree, node)]
             words = r"\\".join(_escaped(part) for part in parts if part)

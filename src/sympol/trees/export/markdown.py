@@ -7,8 +7,9 @@ escaped: by a backslash what every Markdown knows that way, as an entity everyth
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
-from ..text import leaf_conditions, leaf_words, visit_share
+from ..text import checked_lines, leaf_conditions, leaf_words, visit_share
 from ..tree import DecisionTree
 
 _BACKSLASHED = "\\`*_{}[]#!"
@@ -23,10 +24,17 @@ def to_markdown(tree: DecisionTree, *, digits: int | None = None) -> str:
 
     Visits are there where they are known. Thresholds are written as by `sympol.trees.text`, in ``digits``
     significant digits. A condition that has to hold beside another is joined to it by "and".
+
+    Raises:
+        ValueError: if it would have more characters than `sympol.trees.text` writes.
     """
+    return "\n".join([*checked_lines(_rows(tree, digits)), ""])
+
+
+def _rows(tree: DecisionTree, digits: int | None) -> Iterator[str]:
     counted = tree.n_node_samples is not None
-    head = ["When", "Action", *["Visits"] * counted]
-    lines = [_row(head), _row(["---", "---", *["---:"] * counted])]
+    yield _row(["When", "Action", *["Visits"] * counted])
+    yield _row(["---", "---", *["---:"] * counted])
     for leaf, known in leaf_conditions(tree):
         conditions = " and ".join(condition.words(digits) for condition in known.values())
         cells = [
@@ -34,8 +42,7 @@ def to_markdown(tree: DecisionTree, *, digits: int | None = None) -> str:
             ", ".join(leaf_words(tree, leaf, digits)),
             *[visit_share(tree, leaf)] * counted,
         ]
-        lines.append(_row([_escaped(cell) for cell in cells]))
-    return "\n".join([*lines, ""])
+        yield _row([_escaped(cell) for cell in cells])
 
 
 def _row(cells: list[str]) -> str:

@@ -11,6 +11,7 @@ is all that SQLite has) is no ``<=``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain, count
 
 from ..floats import double_threshold
 from ..text import node_words
@@ -43,7 +44,8 @@ def to_sql(
     """Write a query whose column ``action`` is what `DecisionTree.predict` returns on each row of a table.
 
     With several components the columns are ``action_0``, ``action_1``, …; continuous actions are real, clipped, in C
-    order, and a zero has no sign. It answers also where a group of features is not one-hot, which the tree refuses.
+    order, and a zero has no sign. Where a feature's column is called so, they are ``tree_action`` and so on, then
+    ``tree_action_2``. It answers also where a group of features is not one-hot, which the tree refuses.
 
     Args:
         tree: What is written.
@@ -59,7 +61,7 @@ def to_sql(
     if len(names) != tree.n_features:
         raise ValueError(f"expected the columns of {tree.n_features} features, got {names!r}")
     rows = answers(tree)
-    labels = ["action"] if rows.single else [f"action_{k}" for k in range(rows.n_outputs)]
+    labels = _labels(names, None if rows.single else rows.n_outputs)
     cases = []
     for k, label in enumerate(labels):
         written = [_real(x) if rows.is_float else str(x) for x in rows.rows[:, k].tolist()]
@@ -73,6 +75,14 @@ def to_sql(
         columns=",\n".join(cases),
         table=quoted(table),
     )
+
+
+def _labels(columns: Sequence[str], n: int | None) -> list[str]:
+    """Call the columns of the answers, of which there are n or just one, as no column of the table is called."""
+    taken = {name.casefold() for name in columns}
+    stems = chain(("action", "tree_action"), (f"tree_action_{i}" for i in count(2)))
+    every = ([stem] if n is None else [f"{stem}_{k}" for k in range(n)] for stem in stems)
+    return next(labels for labels in every if taken.isdisjoint(labels))
 
 
 def column_names(features: Sequence[str]) -> list[str]:

@@ -42,7 +42,7 @@ def policy_data(
         raise ValueError(
             f"at most {MOST_NODES} nodes can be shown in a page, got {tree.n_nodes}; prune the tree first"
         )
-    leaves = {leaf: (rule_words(tree, leaf, known), known) for leaf, known in leaf_conditions(tree)}
+    leaves = {leaf: (rule_words(tree, leaf, known), {**known}) for leaf, known in leaf_conditions(tree)}
     colours = leaf_colours(tree)
     nodes = [
         _leaf(tree, node, *leaves[node], colours[node]) if leaf else _inner(tree, node)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..boxes import Boxes
+from ..boxes import Boxes, check_size
 from ..floats import next_above
 from ..tree import DecisionTree
 
@@ -30,12 +30,18 @@ def send(boxes: Boxes, tree: DecisionTree) -> Arrivals:
 
     All parts go down together, level by level, and those that are empty no further: the time is in proportion to
     what is met, not to the leaves times the boxes.
+
+    Raises:
+        ValueError: if there are too many parts to be kept.
     """
     here = np.flatnonzero(~boxes.is_empty)
     boxes, origin, node = boxes[here], here, np.zeros(len(here), np.int64)
     done: list[Arrivals] = []
+    n_done = 0
     while len(boxes):
         at_leaf = tree.is_leaf[node]
+        n_done += int(at_leaf.sum())
+        check_size(n_done + len(boxes), tree.n_features)
         done.append(Arrivals(boxes[at_leaf], node[at_leaf], origin[at_leaf]))
         boxes, origin, node = boxes[~at_leaf], origin[~at_leaf], node[~at_leaf]
         left, right = sides(boxes, tree.feature[node], tree.threshold[node])

@@ -28,6 +28,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar, final
 
+from ..bounded import DEEPEST
 from ..tree import DecisionTree
 from .logic import ALWAYS, All, Any, Condition, Not
 from .scanner import Scanner
@@ -68,10 +69,7 @@ def parse_condition(text: str, tree: DecisionTree) -> Condition:
 
 def _read(text: str, read: Callable[[Scanner], _T]) -> _T:
     scanner = Scanner(text)
-    try:
-        found = read(scanner)
-    except RecursionError:
-        raise ValueError("the rule nests too deeply") from None
+    found = read(scanner)
     if not scanner.at_end():
         scanner.fail("expected the end of the rule, or 'and' or 'or'")
     return found
@@ -124,14 +122,22 @@ def _joined(scanner: Scanner, term: Callable[[], Condition]) -> Condition:
             parts.append(unit())
         return parts[0] if len(parts) == 1 else All(tuple(parts))
 
+    within = 0
+
     def unit() -> Condition:
-        if scanner.word("not"):
-            return Not(unit())
-        if not scanner.sign("("):
+        nonlocal within
+        negated = scanner.word("not")
+        if not negated and not scanner.sign("("):
             return term()
-        inner = alternatives()
-        if not scanner.sign(")"):
+        within += 1
+        if within > DEEPEST:
+            raise ValueError(
+                f"the rule nests too deeply: more than {DEEPEST} 'not' and '(' within each other"
+            )
+        inner = unit() if negated else alternatives()
+        if not negated and not scanner.sign(")"):
             scanner.fail("expected ')'")
-        return inner
+        within -= 1
+        return Not(inner) if negated else inner
 
     return alternatives()

@@ -14,12 +14,14 @@ within_bounds = false
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TypeAlias, final
+
+from ..bounded import read_file, read_toml
+from ..floats import brief
 
 _TYPES = {"name": str, "rule": str, "within_bounds": bool}
 
@@ -75,13 +77,14 @@ def read_properties(path: PathLike[str]) -> tuple[Property, ...]:
         ValueError: if it is not TOML, holds no property, or anything else.
     """
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = read_file(Path(path))
+    except ValueError as error:
         raise ValueError(f"{path} is not TOML: {error}") from error
+    content = read_toml(text, str(path))
     tables = content.get("property")
     if set(content) != {"property"} or not isinstance(tables, list) or not tables:
-        got = ", ".join(map(repr, content)) or "nothing"
-        raise ValueError(f"{path} must hold [[property]] tables and nothing else, got {got}")
+        got = ", ".join(brief(name) for name in content) or "nothing"
+        raise ValueError(f"{path} must hold [[property]] tables and nothing else, got {got[:200]}")
     return tuple(_property(path, number, table) for number, table in enumerate(tables, 1))
 
 
@@ -91,8 +94,8 @@ def _property(path: PathLike[str], number: int, table: object) -> Property:
         raise ValueError(f'{where} has no rule; write rule = "when … then …"')
     for key, value in table.items():
         if key not in _TYPES:
-            raise ValueError(f"{where} has an unknown key {key!r}; there are {', '.join(_TYPES)}")
+            raise ValueError(f"{where} has an unknown key {brief(key)}; there are {', '.join(_TYPES)}")
         if not isinstance(value, _TYPES[key]):
             kind = "true or false" if _TYPES[key] is bool else "a string"
-            raise ValueError(f"{where}: {key} must be {kind}, got {value!r}")
+            raise ValueError(f"{where}: {key} must be {kind}, got {brief(value)}")
     return Property(**table)

@@ -30,10 +30,10 @@ RELATIONS = {
     "≥": ">=",
     "≠": "!=",
 }
-_NUMBER = re.compile(r"[-+−]?(\d+\.?\d*|\.\d+)([eE][-+−]?\d{1,3})?(?![\w.])")
+_NUMBER = re.compile(r"[-+−]?(\d+(?:\.\d*)?|\.\d+)([eE][-+−]?\d{1,3})?(?![\w.])")
 _QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _END_OF_NAME = re.compile(
-    r"\s*(<|>|=|≤|≥|≠|!=|\(|\)|,|$|\b(?:is|and|or|then|when|between|in|never|always|neither|nor)\b)"
+    r"(<|>|=|≤|≥|≠|!=|\(|\)|,|$|\b(?:is|and|or|then|when|between|in|never|always|neither|nor)\b)"
 )
 _LONGEST_RULE = 10_000
 
