@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from ..envs.host import EnvironmentFailure
 from ..experiments.workers import TasksFailed
-from ..runs.about import RunError
+from ..runs.about import RunError, WriteError
 from ..runs.progress import decimals
 
 out = Console(soft_wrap=True, highlight=False, emoji=False)
@@ -30,6 +30,9 @@ def one_line_errors() -> Iterator[None]:
     """Bad input is one line on the error stream and status 2; so are failures, with status 1."""
     try:
         yield
+    except WriteError as error:
+        print_error(error)
+        raise SystemExit(1) from None
     except (RunError, ValueError) as error:  # ConfigError and UnknownEnvironment are ValueErrors
         print_error(error)
         raise SystemExit(2) from None

@@ -20,6 +20,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Never, TypeAlias
 
+from .. import files
 from ..experiments.plain_json import dumps, plain
 from ..trees import DecisionTree
 from .front import Candidate, Front, FrontError, Point, Returns, Spent
@@ -52,7 +53,6 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
         RunError: something is in the way that is no point of ours, or cannot be written.
     """
     from ..runs.about import CONFIG, is_run
-    from ..runs.checkpoint import write_atomically
 
     folder = Path(folder)
     content = {
@@ -69,7 +69,7 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
             shutil.rmtree(old)
     for point in front.points:
         _save_point(place(folder, point), point, spec)
-    write_atomically(folder / FILE, dumps(content).encode())
+    files.write(folder / FILE, dumps(content))
 
 
 def load(folder: str | PathLike[str]) -> Front:
