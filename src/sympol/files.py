@@ -105,10 +105,11 @@ def read_bytes(path: Path, most: int) -> bytes:
         ValueError: it is no ordinary file (reading a pipe might never end), or larger.
     """
     descriptor = os.open(path, os.O_RDONLY | _NO_WAIT)
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode):
+        os.close(descriptor)
+        raise ValueError("it is not an ordinary file")
     with open(descriptor, "rb") as file:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
-            raise ValueError("it is not an ordinary file")
         if found.st_size > most:
             raise ValueError(f"it has {found.st_size:,} bytes, and at most {most:,} are read")
         return file.read(most)

@@ -111,7 +111,7 @@ def read(path: Path) -> tuple[dict[str, Any], Config]:
         raise RunError(f"{file} cannot be read: {error}") from error
     if not isinstance(about, dict) or not isinstance(config, dict):
         raise RunError(f"{file} is not a run's: [run] and [config] must be tables")
-    if about.get("format") != FORMAT:
+    if type(about.get("format")) is not int or about["format"] != FORMAT:
         made_by, other = short(about.get("sympol", "?")).strip(_QUOTES), short(about.get("format"))
         raise RunError(
             f"{path} was made by sympol {made_by} in format {other}; this is "

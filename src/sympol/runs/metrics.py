@@ -70,9 +70,12 @@ class MetricsFile:
         Lines that cannot be read are left out, with a warning.
 
         Raises:
-            OSError, ValueError: the file cannot be read.
+            ValueError: the file cannot be read.
         """
-        table = _Table.of(self._content())
+        try:
+            table = _Table.of(self._content())
+        except (OSError, ValueError) as error:
+            raise ValueError(f"{self._path} cannot be read: {error}") from error
         if table.unread:
             warnings.warn(f"{self._path}: {_count(table.unread)} cannot be read", SetAside, stacklevel=2)
         return [row.values for row in table.rows]
@@ -119,7 +122,7 @@ class MetricsFile:
         with open(self._path, "rb") as file:
             header = file.readline(_LONGEST_HEADER).decode(errors="replace")
             file.seek(-1, os.SEEK_END)
-            return _cells(header.strip(), ","), file.read(1) == b"\n"
+            return _cells(header.strip(), ",") or [""], file.read(1) == b"\n"
 
     def _free_name(self) -> Path:
         """Of a file beside it that is not there yet."""
