@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import resource
 import shutil
 import stat
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
-import jax
 import pytest
 
 import sympol
@@ -307,48 +309,28 @@ def test_a_folder_with_only_foreign_files_holds_no_checkpoint(run):
     assert sympol.load(run).num_timesteps == 0
 
 
-FULL = """
-import resource, signal, sys
-from sympol.cli import main
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
-import sympol
-if sys.argv[2] == "save":
-    agent = sympol.load(sys.argv[3])
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
-    agent.save(sys.argv[4])
-sys.exit(main(sys.argv[2:]))
-"""
-"""A real limit on the size of files stands for the full disk: writing fails in the same way."""
+@contextlib.contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """A real limit on the size of files stands for the full disk: writing fails in the same way."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def limited(size: int, *words: object) -> subprocess.CompletedProcess[str]:
-    environment = {
-        **os.environ,
-        "SYMPOL_CACHE_DIR": "",
-        "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
-        "JAX_DISABLE_MOST_OPTIMIZATIONS": "true",
-    }
-    return subprocess.run(
-        [sys.executable, "-c", FULL, str(size), *map(str, words)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        check=False,
-    )
-
-
-def test_a_disk_that_fails_in_a_training_is_one_line_with_the_way_on(unfinished, finished):
+def test_a_disk_that_fails_in_a_training_is_one_line_with_the_way_on(unfinished, finished, capsys):
     run = unfinished
     checkpoint = max(file.stat().st_size for file in (run / "checkpoints").iterdir())
     before = sorted(os.listdir(run / "checkpoints"))
-    done = limited(checkpoint - 1, "resume", run)
-    assert done.returncode == 1, done.stderr
-    last = done.stderr.splitlines()[-1]
+    with largest_file(checkpoint - 1):
+        assert status_of("resume", run) == 1
+    said = capsys.readouterr().err
+    last = said.splitlines()[-1]
     assert last.startswith(f"error: cannot write {run / 'checkpoints'}/")
     assert last.endswith(f": File too large; see to that, then go on with: sympol resume {run}")
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in said
     assert sorted(os.listdir(run / "checkpoints")) == before
     assert status_of("resume", run) == 0
     assert (run / "policy.json").read_bytes() == (finished / "policy.json").read_bytes()
@@ -356,26 +338,24 @@ def test_a_disk_that_fails_in_a_training_is_one_line_with_the_way_on(unfinished,
 
 
 def test_a_disk_that_fails_in_save_names_the_file_and_the_way_on(run, tmp_path):
-    done = limited(10**9, "save", run, tmp_path / "saved")
-    error = done.stderr.splitlines()[-1]
-    assert (
-        f"RunError: cannot write {tmp_path / 'saved' / 'config.toml'}: File too large; choose another path"
-        in error
-    )
+    one, path = sympol.load(run), tmp_path / "saved"
+    with largest_file(100), pytest.raises(RunError) as config:
+        one.save(path)
+    assert str(config.value) == f"cannot write {path / 'config.toml'}: File too large; choose another path"
+    with largest_file(5000), pytest.raises(RunError) as checkpoint:
+        one.save(path)  # into what the first one left
+    assert f"cannot write {path / 'checkpoints'}/" in str(checkpoint.value)
+    assert str(checkpoint.value).endswith("; see to that, then save it again, there or elsewhere")
+    one.save(path)
+    assert sympol.load(path).tree() == one.tree()
 
 
 def test_a_row_that_does_not_fit_leaves_the_file_as_it_was(tmp_path):
-    code = (
-        "import resource, signal, sys; from pathlib import Path; from sympol import files\n"
-        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (15, resource.RLIM_INFINITY))\n"
-        "files.append(Path(sys.argv[1]), 'x' * 10)\n"
-        "try: files.append(Path(sys.argv[1]), 'y' * 10)\n"
-        "except OSError as error: print(error.filename)\n"
-    )
     file = tmp_path / "file"
-    done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, check=True)
-    assert (file.read_text(), done.stdout) == ("x" * 10, f"{file}\n")
+    files.append(file, "x" * 10)
+    with largest_file(15), pytest.raises(OSError, match="File too large") as error:
+        files.append(file, "y" * 10)
+    assert (file.read_text(), error.value.filename) == ("x" * 10, str(file))
 
 
 @pytest.mark.parametrize("name", ["metrics.csv", "tree.txt", "summary.json"])

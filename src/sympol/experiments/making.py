@@ -40,7 +40,9 @@ def _run(unit: Unit) -> Result:
         return kept(unit, _distilled(unit, unit.teacher))
     if own(unit.cell.method) is not None:
         return kept(unit, _own(unit))
-    return kept(unit, tested(unit, *trained(unit)))
+    agent, run = trained(unit)
+    with run:
+        return kept(unit, tested(unit, agent, run))
 
 
 def kept(unit: Unit, result: Result) -> Result:
@@ -120,7 +122,8 @@ def tested(unit: Unit, agent: Agent, run: Run) -> Result:
 def _distilled(unit: Unit, teacher: Unit) -> Result:
     """Make a tree of the teacher's agent, which is trained here if nobody has."""
     with alone(teacher.folder):
-        agent, _ = trained(teacher)
+        agent, run = trained(teacher)
+        run.close()
     began = time.perf_counter()
     options = distilling(unit.cell.method)
     if options["method"] == "discretize":

@@ -101,12 +101,17 @@ def load(folder: str | PathLike[str]) -> Front:
 
 def _save_point(path: Path, point: Point, spec: EnvSpec) -> None:
     from ..algos.config import Config
-    from ..runs.about import versions
     from ..runs.folder import Run
 
     distilled = {"method": point.road, "teacher": "a search for small trees", "seed": point.seed}
-    run = Run.create(path, spec, Config(), point.seed, overwrite=True, distilled=distilled)
-    run.save_tree(point.tree)
+    with Run.create(path, spec, Config(), point.seed, overwrite=True, distilled=distilled) as run:
+        run.save_tree(point.tree)
+        run.save_summary(_summary_of(path, point, spec, distilled))
+
+
+def _summary_of(path: Path, point: Point, spec: EnvSpec, distilled: Mapping[str, Any]) -> dict[str, Any]:
+    from ..runs.about import versions
+
     tested = (
         {}
         if point.test is None
@@ -116,21 +121,19 @@ def _save_point(path: Path, point: Point, spec: EnvSpec) -> None:
             "episodes": point.test.episodes,
         }
     )
-    run.save_summary(
-        {
-            "env": spec.name,
-            **tested,
-            "validation": asdict(point.validation),
-            "nodes": point.nodes,
-            "nodes_unpruned": point.nodes,
-            "leaves": point.tree.n_leaves,
-            "depth": point.tree.depth,
-            "distilled": distilled,
-            "spent": asdict(point.spent),
-            "run_dir": str(path),
-            "versions": versions(),
-        }
-    )
+    return {
+        "env": spec.name,
+        **tested,
+        "validation": asdict(point.validation),
+        "nodes": point.nodes,
+        "nodes_unpruned": point.nodes,
+        "leaves": point.tree.n_leaves,
+        "depth": point.tree.depth,
+        "distilled": distilled,
+        "spent": asdict(point.spent),
+        "run_dir": str(path),
+        "versions": versions(),
+    }
 
 
 def point_fields(point: Point) -> dict[str, Any]:
