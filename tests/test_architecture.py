@@ -15,7 +15,8 @@ ROOT = Path(sympol.__file__).parent
 PACKAGE = "sympol"
 
 BELOW: dict[str, set[str]] = {
-    "trees": set(),
+    "files": set(),
+    "trees": {"files"},
     "types": set(),
     "functional": {"types", "trees"},
     "envs": {"types", "trees", "compilation"},
@@ -24,10 +25,10 @@ BELOW: dict[str, set[str]] = {
     "distill": {"types", "functional", "policies", "envs", "trees", "algos", "play"},
     "compilation": set(),
     "threads": set(),
-    "film": {"types", "envs", "trees"},
+    "film": {"types", "envs", "trees", "files"},
     "play": {"envs", "trees"},
     "evaluate": {"types", "envs", "trees", "film", "play"},
-    "runs": {"types", "envs", "trees", "algos"},
+    "runs": {"types", "envs", "trees", "algos", "files"},
     "serving": {"envs", "trees", "play"},
     "refine": {"types", "policies", "envs", "trees", "algos", "play", "threads"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},

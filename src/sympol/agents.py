@@ -286,9 +286,10 @@ class Agent(abc.ABC):
         """Write the agent as a run's folder; an earlier run of that name is replaced.
 
         Raises:
-            RunError: a folder of that name that is not a run, or cannot be written.
+            RunError: a folder of that name that is not a run, or in which another process writes, or that cannot be
+                written.
         """
-        run = Run.create(
+        with Run.create(
             Path(path),
             self.spec,
             self.config,
@@ -296,11 +297,13 @@ class Agent(abc.ABC):
             preset=self.preset,
             overwrite=True,
             start=self.start,
-        )
-        if self.state is not None:
-            run.save_checkpoint(self.state)
-            if self.has_tree:
-                run.save_tree(self.tree())
+            flag="path",
+        ) as run:
+            run.way_on = "save it again, there or elsewhere"
+            if self.state is not None:
+                run.save_checkpoint(self.state)
+                if self.has_tree:
+                    run.save_tree(self.tree())
 
     def reading(self) -> dict[str, Any]:
         """What readers are told of a tree made of this policy: actions, names and bounds of the features, groups."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from . import files
 from .agents import Agent
 from .distill import METHODS, distill
 from .distill.answers import check_spaces
@@ -20,7 +21,6 @@ from .distill.teacher import Teacher
 from .envs.registry import resolve
 from .envs.spec import EnvSpec
 from .policies.soft_tree import SoftTree
-from .runs.checkpoint import write_atomically
 from .trees import DecisionTree
 from .trees.actions import BoxActions, MultiDiscreteActions
 
@@ -196,7 +196,7 @@ def keep_soft_tree(agent: Agent, folder: Path, seen: np.ndarray | None) -> dict[
     """
     view = soft_view(agent)
     view = view if seen is None else view.with_shares_of(seen)
-    write_atomically(folder / "tree.txt", (soft_text(view) + "\n").encode())
+    files.write(folder / "tree.txt", soft_text(view) + "\n")
     if agent.config.depth <= DEEPEST:
         plot_soft_tree(view, folder / "tree.svg")
     return {} if view.shares is None else {"leaf_shares": [round(float(share), 6) for share in view.shares]}

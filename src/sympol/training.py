@@ -19,7 +19,8 @@ def keep_in(run: Run) -> Callback:
     """A callback that writes a row and a checkpoint after each validation."""
 
     def keep(report: Report) -> None:
-        run.metrics.append(report.metrics)
+        with run.writing():
+            run.metrics.append(report.metrics)
         assert report.agent.state is not None
         run.save_checkpoint(report.agent.state)  # after its row: resuming drops rows that have no checkpoint
 
@@ -29,11 +30,17 @@ def keep_in(run: Run) -> Callback:
 def go_on(run: Run) -> Agent:
     """The agent of a run where it was left, ready to `learn` on; rows beyond its checkpoint are dropped.
 
+    From here on no other process may write in the run (`Run.take`).
+
     Raises:
-        RunError: see `sympol.load`.
+        RunError: see `sympol.load`; or another process writes in the run, or it cannot be written.
     """
+    run.require_own_checkpoints()
+    with run.writing():
+        run.take()
     agent = load_run(run)
-    run.metrics.forget_after(agent.num_timesteps)
+    with run.writing():
+        run.metrics.forget_after(agent.num_timesteps)
     return agent
 
 
@@ -65,7 +72,8 @@ def finish(
         tree = agent.tree()
         run.save_tree(tree if tested is None else tree.with_visits(tested.observations))
     elif has_soft_tree(agent):
-        summary |= keep_soft_tree(agent, run.path, None if tested is None else tested.observations)
+        with run.writing():
+            summary |= keep_soft_tree(agent, run.path, None if tested is None else tested.observations)
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
 
 
@@ -86,6 +94,7 @@ def _size(agent: Agent) -> dict[str, float]:
 def training_seconds(run: Run) -> float:
     """Seconds that all validated segments took, without compiling, however often the training was interrupted."""
     elapsed = np.array([0.0, *(row["time/time_elapsed"] for row in run.metrics.read())])
+    elapsed = elapsed[np.isfinite(elapsed)]
     steps = np.diff(elapsed)
     return float(
         np.where(steps >= 0, steps, elapsed[1:]).sum()

@@ -63,7 +63,7 @@ def distill(arguments: Sequence[str]) -> int:
         )
     seconds = time.perf_counter() - began
     tree = full.prune(observations=teacher.spec.all_observations())
-    run = Run.create(
+    with Run.create(
         path,
         teacher.spec,
         Config(),
@@ -71,9 +71,11 @@ def distill(arguments: Sequence[str]) -> int:
         eval_episodes=given.eval_episodes,
         overwrite=given.overwrite,
         distilled={"method": method, **size, "seed": given.seed, "teacher": given.teacher},
-    )
-    summary = _finish(run, teacher, full, tree, given.eval_episodes) | {"distill_seconds": round(seconds, 3)}
-    run.save_summary(summary)
+    ) as run:
+        summary = _finish(run, teacher, full, tree, given.eval_episodes) | {
+            "distill_seconds": round(seconds, 3)
+        }
+        run.save_summary(summary)
     if given.json:
         print(json.dumps(summary))
         return 0

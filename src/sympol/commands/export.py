@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import tyro
 
+from .. import files
 from ..runs.about import RunError
 from ..runs.folder import Run
 from ..trees import DecisionTree
@@ -190,7 +191,7 @@ def _put(given: Export, written: str | bytes | None, draw: Write) -> None:
             path = path if path.suffix.lower() == suffix else path.with_name(path.name + suffix)
             draw(path)
         else:
-            path.write_bytes(written.encode("utf-8") if isinstance(written, str) else written)
+            files.write(path, written)
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}; choose another --out") from error
     err.print(f"written to {path}", markup=False)

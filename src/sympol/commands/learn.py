@@ -10,8 +10,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib import import_module
+from typing import Any
 
-from .. import STARTED
+from .. import STARTED, files
 from ..agents import Agent, Report
 from ..algos.config import Config
 from ..envs import native
@@ -20,7 +21,6 @@ from ..envs.spec import EnvSpec
 from ..play import Episodes, play
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
-from ..teachers import has_soft_tree
 from ..training import finish, keep_in
 from .say import err, out, print_error, print_next, summary_words, warnings_in_one_line
 
@@ -43,7 +43,8 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
         if picture.ident is None:
             picture.start()
         if board is not None:
-            board.append(report.metrics)
+            with run.writing():
+                board.append(report.metrics)
         return not asked.is_set()
 
     first, began = agent.num_timesteps, time.perf_counter()
@@ -68,14 +69,19 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
         "steps_per_second": round((agent.num_timesteps - first) / trained),
     }
     run.save_summary(summary)
+    show_result(run, summary, as_json)
+    return 0
+
+
+def show_result(run: Run, summary: dict[str, Any], as_json: bool) -> None:
+    """Print what a finished run holds."""
     if as_json:
         print(json.dumps(summary))
-    else:
-        if agent.has_tree or has_soft_tree(agent):
-            out.print((run.path / "tree.txt").read_text(encoding="utf-8").rstrip("\n"), markup=False)
-        out.print(summary_words(summary))
-        print_next(run.path, has_tree=agent.has_tree)
-    return 0
+        return
+    if (run.path / "tree.txt").is_file():
+        out.print(files.read_text(run.path / "tree.txt").rstrip("\n"), markup=False)
+    out.print(summary_words(summary))
+    print_next(run.path, has_tree=run.has_tree)
 
 
 def _what(agent: Agent) -> str:

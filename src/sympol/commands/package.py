@@ -7,6 +7,7 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
+from .. import files
 from ..runs.about import RunError
 from ..runs.folder import Run
 from ..trees import DecisionTree
@@ -30,11 +31,11 @@ def export_package(source: Path, folder: Path | None, name: str | None) -> int:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} is there already; choose another --out, or remove it")
     name = re.sub(r"\W+", "_", folder.absolute().name.lower()) if name is None else name
-    files = to_package(_tree(source), name)
+    written = to_package(_tree(source), name)
     try:
-        for path, text in files.items():
+        for path, text in written.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_text(text, encoding="utf-8")
+            files.write(folder / path, text)
     except OSError as error:
         raise RunError(f"cannot write {folder}: {error.strerror}; choose another --out") from error
     install = shlex.quote(str(folder.absolute()))

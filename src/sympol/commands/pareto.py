@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import tyro
 
 from ..envs.registry import resolve
+from ..experiments.bench import only_one
 from ..pareto.files import fields_of, point_fields
 from ..pareto.front import Front
 from ..pareto.live import Live
@@ -118,7 +119,8 @@ def pareto(arguments: Sequence[str]) -> int:
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
     folder = given.out or Path("runs") / f"{file_name(spec.name)}-front-{given.seed}"
     if given.overwrite and (folder / PLAN).exists():
-        shutil.rmtree(folder)
+        with only_one(folder, "search", "--out"):
+            shutil.rmtree(folder)
     begin(plan, folder)
     err.print(
         f"searching trees of at most {plan.max_nodes} nodes for {spec.name}, {plan.budget}; in {folder}",

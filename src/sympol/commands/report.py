@@ -10,10 +10,10 @@ from typing import Annotated
 import tyro
 from rich.markup import escape
 
+from .. import files
 from ..reports import compare as compare_runs
 from ..reports import report as report_run
 from ..runs.about import RunError
-from ..runs.checkpoint import write_atomically
 from ..runs.folder import Run
 from .arguments import Folder, PlaysRun
 from .parse import parse
@@ -114,7 +114,7 @@ def _require_folder(path: Path) -> None:
 
 def _write(path: Path, page: str) -> None:
     try:
-        write_atomically(path, page.encode())
+        files.write(path, page)
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror or error}; choose another --out") from error
     err.print(f"written to {path} ({len(page) / 1e3:,.0f} kB); open it in a browser", markup=False)

@@ -13,29 +13,50 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-from rich.console import Console
+from rich.console import (
+    Console,
+    ConsoleOptions,
+    ConsoleRenderable,
+    RenderableType,
+    RenderHook,
+    RenderResult,
+)
 from rich.markup import escape
+from rich.segment import Segment
 
 from ..envs.host import EnvironmentFailure
 from ..experiments.workers import TasksFailed
-from ..runs.about import RunError
+from ..runs.about import RunError, WriteError
 from ..runs.progress import decimals
 from ..trees.floats import printable
 
 
-class _Terminal(Console):
-    """A console on which words of strangers are only words: control characters in a text are printed as escapes."""
+class _Printable:
+    """What is printed, without escape sequences of its own: a file's names must not write to the terminal."""
 
-    def print(self, *objects: Any, **options: Any) -> None:
-        super().print(*(_plain(one) if isinstance(one, str) else one for one in objects), **options)
+    def __init__(self, content: RenderableType) -> None:
+        self._content = content
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Write control characters as escapes such as ``\\x1b``."""
+        for segment in console.render(self._content, options):
+            text = segment.text
+            if segment.control or all(c.isprintable() or c == "\n" for c in text):
+                yield segment
+            else:
+                yield Segment("\n".join(map(printable, text.split("\n"))), segment.style)
 
 
-def _plain(text: str) -> str:
-    return "\n".join(map(printable, text.split("\n")))
+class _PrintableHook(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        """Wrap all."""
+        return [_Printable(one) for one in renderables]
 
 
-out = _Terminal(soft_wrap=True, highlight=False, emoji=False)
-err = _Terminal(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+out = Console(soft_wrap=True, highlight=False, emoji=False)
+err = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+for _console in (out, err):
+    _console.push_render_hook(_PrintableHook())
 
 
 @contextlib.contextmanager
@@ -43,6 +64,9 @@ def one_line_errors() -> Iterator[None]:
     """Bad input is one line on the error stream and status 2; so are failures, with status 1."""
     try:
         yield
+    except WriteError as error:
+        print_error(error)
+        raise SystemExit(1) from None
     except (RunError, ValueError) as error:  # ConfigError and UnknownEnvironment are ValueErrors
         print_error(error)
         raise SystemExit(2) from None

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..agents import Agent, agent_of
+from ..agents import Agent, agent_of, load_run
 from ..algos.rules import LIMITS
 from ..envs.registry import resolve
 from ..runs.about import RunError, file_name
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run
-from ..runs.metrics import TensorBoard
+from ..runs.metrics import SetAside, TensorBoard
 from ..training import go_on
 from .arguments import Resume, Train
-from .learn import learn
+from .learn import learn, show_result
 from .parse import env_kwargs, parse, parse_train
 from .say import err, one_line_errors, print_warning
 from .start import start_from
@@ -37,7 +38,7 @@ def train(arguments: Sequence[str]) -> int:
     if given.tensorboard:
         TensorBoard.require()
     path = given.run_dir or _next_free(Path("runs"), spec.name)
-    run = Run.create(
+    with Run.create(
         path,
         spec,
         agent.config,
@@ -46,8 +47,8 @@ def train(arguments: Sequence[str]) -> int:
         eval_episodes=given.eval_episodes,
         overwrite=given.overwrite or _ask(path),
         start=agent.start,
-    )
-    return learn(agent, run, given.eval_episodes, given.json, tensorboard=given.tensorboard)
+    ) as run:
+        return learn(agent, run, given.eval_episodes, given.json, tensorboard=given.tensorboard)
 
 
 @one_line_errors()
@@ -90,16 +91,38 @@ def _same_run(given: Train, agent: Agent) -> Run:
 
 
 def _continue(run: Run, eval_episodes: int | None, as_json: bool) -> int:
-    """Learn on from the last checkpoint."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DamagedCheckpoint)
-        agent = go_on(run)
-    for warning in caught:
-        print_warning(warning.message)
-    err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")
-    tensorboard = (run.path / "tensorboard").is_dir()
-    episodes = run.about["eval_episodes"] if eval_episodes is None else eval_episodes
-    return learn(agent, run, episodes, as_json, tensorboard=tensorboard)
+    """Resume from the last checkpoint; where the training is finished, show what came of it and change nothing."""
+    with run:
+        if run.is_finished() and _is_trained(run):
+            _show_finished(run, eval_episodes, as_json)
+            return 0
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", DamagedCheckpoint)
+            warnings.simplefilter("always", SetAside)
+            agent = go_on(run)
+        for warning in caught:
+            print_warning(warning.message)
+        err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")
+        tensorboard = (run.path / "tensorboard").is_dir()
+        episodes = run.about["eval_episodes"] if eval_episodes is None else eval_episodes
+        return learn(agent, run, episodes, as_json, tensorboard=tensorboard)
+
+
+def _is_trained(run: Run) -> bool:
+    """Whether its newest checkpoint is whole, and that of the end."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DamagedCheckpoint)
+        agent = load_run(run)
+    return agent.num_timesteps >= agent.config.total_timesteps
+
+
+def _show_finished(run: Run, eval_episodes: int | None, as_json: bool) -> None:
+    summary = run.load_summary() or {}
+    err.print(f"{run.path} is finished, and nothing in it is changed", markup=False)
+    if eval_episodes not in (None, summary.get("episodes")):
+        words = f"other test episodes: sympol eval {shlex.quote(str(run.path))} --episodes {eval_episodes}"
+        err.print(words, markup=False)
+    show_result(run, summary, as_json)
 
 
 def _next_free(folder: Path, name: str) -> Path:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import socket
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..runs.about import RunError
+from ..runs.lock import FileLock, Held
 from .plan import CellPlan
 from .recipes import same_config
 from .record import Cell, Record
@@ -217,19 +216,15 @@ def only_one(runs: Path, what: str = "bench", flag: str = "--runs") -> Iterator[
     Raises:
         Busy: somebody does.
     """
-    import fcntl
-
     runs.mkdir(parents=True, exist_ok=True)
-    with open(runs / LOCK, "a+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.seek(0)
-            holder = file.read().strip() or "somebody"
-            raise Busy(
-                f"another {what} works in {runs}: {holder}; wait for it, or choose another {flag}"
-            ) from None
-        file.truncate(0)
-        file.write(f"process {os.getpid()} on {socket.gethostname()}")
-        file.flush()
+    lock = FileLock(runs / LOCK)
+    try:
+        lock.acquire()
+    except Held as holder:
+        raise Busy(
+            f"another {what} works in {runs}: {holder}; wait for it, or choose another {flag}"
+        ) from None
+    try:
         yield
+    finally:
+        lock.release()

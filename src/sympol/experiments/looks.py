@@ -6,11 +6,13 @@ the colours are Okabe and Ito's. The same records give the same file.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from .. import files
 from ..trees.plot_page import STYLE
 
 if TYPE_CHECKING:
@@ -79,8 +81,10 @@ def styled() -> Iterator[None]:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write .svg, .png or .pdf; the same figure, the same file."""
+    drawn = io.BytesIO()
     with styled():
-        figure.savefig(path, dpi=160, metadata=_METADATA[path.suffix])
+        figure.savefig(drawn, format=path.suffix[1:], dpi=160, metadata=_METADATA[path.suffix])
+    files.write(path, drawn.getvalue())
     return path
 
 

@@ -8,11 +8,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from .. import files
 from ..agents import Agent
 from ..distill import distill
 from ..play import Episodes, Purpose, play
 from ..runs.about import RunError, versions
-from ..runs.checkpoint import write_atomically
 from ..runs.folder import Run
 from ..teachers import discretize_agent, teacher_of
 from ..training import finish, go_on, has_run, keep_in, training_seconds
@@ -40,7 +40,9 @@ def _run(unit: Unit) -> Result:
         return kept(unit, _distilled(unit, unit.teacher))
     if own(unit.cell.method) is not None:
         return kept(unit, _own(unit))
-    return kept(unit, tested(unit, *trained(unit)))
+    agent, run = trained(unit)
+    with run:
+        return kept(unit, tested(unit, agent, run))
 
 
 def kept(unit: Unit, result: Result) -> Result:
@@ -56,7 +58,7 @@ def kept(unit: Unit, result: Result) -> Result:
         }
     )
     unit.folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(unit.folder / RESULT, json.dumps(result, indent=1).encode())
+    files.write(unit.folder / RESULT, json.dumps(result, indent=1))
     return result
 
 
@@ -120,7 +122,8 @@ def tested(unit: Unit, agent: Agent, run: Run) -> Result:
 def _distilled(unit: Unit, teacher: Unit) -> Result:
     """Make a tree of the teacher's agent, which is trained here if nobody has."""
     with alone(teacher.folder):
-        agent, _ = trained(teacher)
+        agent, run = trained(teacher)
+        run.close()
     began = time.perf_counter()
     options = distilling(unit.cell.method)
     if options["method"] == "discretize":
@@ -189,5 +192,5 @@ def _play(unit: Unit, policy: Any, purpose: Purpose, *, deterministic: bool = Tr
 
 def _write_tree(folder: Path, tree: DecisionTree) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / "policy.json", tree.to_json().encode())
-    write_atomically(folder / "tree.txt", f"{tree.to_text()}\n".encode())
+    files.write(folder / "policy.json", tree.to_json())
+    files.write(folder / "tree.txt", f"{tree.to_text()}\n")

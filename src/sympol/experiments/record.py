@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from .. import files
 from .plain_json import dumps, plain, rounded
 from .seeds import require_training_seed
 
@@ -111,15 +112,13 @@ class Record:
 
     def save(self, root: Path) -> Path:
         """Write it, all at once; an older one of the same cell is replaced."""
-        from ..runs.checkpoint import write_atomically  # it imports JAX, which readers do not need
-
         path = self.path(root)
         if path.exists() and (there := load(path).cell) != self.cell:
             raise RecordError(
                 f"{path} holds {there}, which is another cell than {self.cell}; rename the variant"
             )
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, to_json(self).encode())
+        files.write(path, to_json(self))
         return path
 
 

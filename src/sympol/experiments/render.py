@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from .. import files
 from .comparisons import paired
 from .formats import latex, markdown
 from .grids import grids, not_run
@@ -39,7 +40,7 @@ def write(table: Table, records: Iterable[Record], out_dir: Path) -> list[Path]:
         ".csv": to_csv(table, found),
     }
     for suffix, text in texts.items():
-        (out_dir / f"{table.name}{suffix}").write_text(text, encoding="utf-8", newline="\n")
+        files.write(out_dir / f"{table.name}{suffix}", text)
     return [*(out_dir / f"{table.name}{suffix}" for suffix in texts), *plots]
 
 
@@ -67,7 +68,7 @@ def write_docs(
             f'<a id="{table.name}"></a>\n\n## {table.title}\n\n{section(table, found, inside).rstrip()}'
         )
     page = docs_dir / "tables.md"
-    page.write_text("\n\n".join(parts) + "\n", encoding="utf-8", newline="\n")
+    files.write(page, "\n\n".join(parts) + "\n")
     return [page, *written]
 
 

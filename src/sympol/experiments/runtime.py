@@ -32,6 +32,8 @@ def run_together(**arguments: Any) -> list[Result]:
             return found
         agents = [agent_for(unit.cell, unit.seed, unit.settings.total_timesteps) for unit in units]
         runs = [begun(unit, agent) for unit, agent in zip(units, agents, strict=True)]
+        for run in runs:
+            locks.enter_context(run)
         take_turns(agents, runs)
         return [
             kept(unit, tested(unit, agent, run)) for unit, agent, run in zip(units, agents, runs, strict=True)

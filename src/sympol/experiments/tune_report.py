@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
+from .. import files
 from ..algos.presets import DEFAULT
-from ..runs.checkpoint import write_atomically
 from .looks import PANEL, legend_below, look, panels, save, styled
 from .study import Search, finished, quiet, search_of
 
@@ -151,7 +151,7 @@ def save_preset(study: Study, path: Path) -> None:
     which = {name: config.pop(name) for name in ("algorithm", "policy")}
     presets = content.setdefault(which["algorithm"], {}).setdefault(which["policy"], {})
     presets[DEFAULT] = {"source": _source(study, search, best), **config}
-    write_atomically(path, tomli_w.dumps(content).encode())
+    files.write(path, tomli_w.dumps(content))
 
 
 def _source(study: Study, search: Search, best: FrozenTrial) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..runs.about import file_name
+from ..runs.lock import FileLock
 from .methods import RUNTIME_VARIANTS
 from .recipes import Settings, config_of, import_all, own, register_method, same_config, teacher_cell
 from .record import Cell
@@ -108,9 +109,10 @@ def jobs_of(units: Iterable[Unit]) -> list[list[Unit]]:
 @contextlib.contextmanager
 def alone(folder: Path) -> Iterator[None]:
     """Let nobody else on this machine work in a folder; who comes second waits."""
-    import fcntl
-
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with open(folder.with_name(f".{folder.name}.lock"), "w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    lock = FileLock(folder.with_name(f".{folder.name}.lock"))
+    lock.acquire(wait=True)
+    try:
         yield
+    finally:
+        lock.release()

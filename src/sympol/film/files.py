@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 import subprocess
 import tempfile
@@ -13,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
+
+from .. import files
 
 _PALETTE_FROM = 24
 """Pictures from which the colours of a GIF are chosen."""
@@ -44,14 +45,12 @@ def write(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequence[in
 
     The file is whole or not there. The same pictures are the same file, except for MP4s of different encoders.
     """
-    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
-    try:
-        _WRITERS[path.suffix.lower()](temporary, pictures, milliseconds)
-        size = temporary.stat().st_size
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    return size
+    with tempfile.TemporaryDirectory(prefix="sympol-film-") as folder:
+        drawn = Path(folder, path.name)
+        _WRITERS[path.suffix.lower()](drawn, pictures, milliseconds)
+        content = drawn.read_bytes()
+    files.write(path, content)
+    return len(content)
 
 
 def _write_gif(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequence[int]) -> None:

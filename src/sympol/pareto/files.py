@@ -20,6 +20,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Never, TypeAlias
 
+from .. import files
 from ..experiments.plain_json import dumps, plain
 from ..trees import DecisionTree
 from .front import Candidate, Front, FrontError, Point, Returns, Spent
@@ -52,7 +53,6 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
         RunError: something is in the way that is no point of ours, or cannot be written.
     """
     from ..runs.about import CONFIG, is_run
-    from ..runs.checkpoint import write_atomically
 
     folder = Path(folder)
     content = {
@@ -69,7 +69,7 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
             shutil.rmtree(old)
     for point in front.points:
         _save_point(place(folder, point), point, spec)
-    write_atomically(folder / FILE, dumps(content).encode())
+    files.write(folder / FILE, dumps(content))
 
 
 def load(folder: str | PathLike[str]) -> Front:
@@ -101,12 +101,17 @@ def load(folder: str | PathLike[str]) -> Front:
 
 def _save_point(path: Path, point: Point, spec: EnvSpec) -> None:
     from ..algos.config import Config
-    from ..runs.about import versions
     from ..runs.folder import Run
 
     distilled = {"method": point.road, "teacher": "a search for small trees", "seed": point.seed}
-    run = Run.create(path, spec, Config(), point.seed, overwrite=True, distilled=distilled)
-    run.save_tree(point.tree)
+    with Run.create(path, spec, Config(), point.seed, overwrite=True, distilled=distilled) as run:
+        run.save_tree(point.tree)
+        run.save_summary(_summary_of(path, point, spec, distilled))
+
+
+def _summary_of(path: Path, point: Point, spec: EnvSpec, distilled: Mapping[str, Any]) -> dict[str, Any]:
+    from ..runs.about import versions
+
     tested = (
         {}
         if point.test is None
@@ -116,21 +121,19 @@ def _save_point(path: Path, point: Point, spec: EnvSpec) -> None:
             "episodes": point.test.episodes,
         }
     )
-    run.save_summary(
-        {
-            "env": spec.name,
-            **tested,
-            "validation": asdict(point.validation),
-            "nodes": point.nodes,
-            "nodes_unpruned": point.nodes,
-            "leaves": point.tree.n_leaves,
-            "depth": point.tree.depth,
-            "distilled": distilled,
-            "spent": asdict(point.spent),
-            "run_dir": str(path),
-            "versions": versions(),
-        }
-    )
+    return {
+        "env": spec.name,
+        **tested,
+        "validation": asdict(point.validation),
+        "nodes": point.nodes,
+        "nodes_unpruned": point.nodes,
+        "leaves": point.tree.n_leaves,
+        "depth": point.tree.depth,
+        "distilled": distilled,
+        "spent": asdict(point.spent),
+        "run_dir": str(path),
+        "versions": versions(),
+    }
 
 
 def point_fields(point: Point) -> dict[str, Any]:

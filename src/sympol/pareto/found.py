@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ..runs.checkpoint import write_atomically
+from .. import files
 from ..trees import DecisionTree
 from .front import Spent
 
@@ -33,7 +33,7 @@ def keep(folder: Path, found: Iterable[Found], *, finished: bool) -> None:
     ]
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"finished": finished, "found": rows})
-    write_atomically(folder / FILE, text.encode())
+    files.write(folder / FILE, text)
 
 
 def kept(folder: Path) -> tuple[list[Found], bool]:

@@ -17,6 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from .. import files
 from ..experiments.plain_json import dumps
 from ..experiments.seeds import require_training_seed
 from ..runs.about import file_name
@@ -63,7 +64,7 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
         runs = [front for _, front in sorted((there | new).items())]
         require_one_task(runs)  # two names may make one file's
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(_to_json(runs), encoding="utf-8", newline="\n")
+        files.write(path, _to_json(runs))
         written.append(path)
     return written
 
@@ -134,7 +135,7 @@ def write_docs(
             point.tree.plot(path)
             pictures.append(path)
     written = docs / "fronts.md"
-    written.write_text(page(tasks, parts), encoding="utf-8", newline="\n")
+    files.write(written, page(tasks, parts))
     return [written, *pictures]
 
 

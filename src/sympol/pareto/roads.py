@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from .. import files
 from ..compilation import use_disk_cache
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..experiments.workers import Task
 from ..refine.arena import make_arena
 from ..refine.evolve import Budget, Heat, evolve
-from ..runs.checkpoint import write_atomically
 from ..trees import DecisionTree
 from .found import HEAT, Found, keep, kept
 from .front import Spent
@@ -107,7 +107,7 @@ def _evolve(site: Site) -> None:
 
     def tell(heat: Heat) -> None:
         keep(site.folder, found(heat), finished=False)
-        write_atomically(site.folder / HEAT, json.dumps(heat.best).encode())
+        files.write(site.folder / HEAT, json.dumps(heat.best))
 
     left = Budget(site.share.steps - done.env_steps, site.share.seconds - done.seconds)
     last = evolve(

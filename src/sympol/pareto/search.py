@@ -16,12 +16,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeAlias
 
+from .. import files
 from ..envs.registry import resolve
 from ..experiments.bench import commit, only_one
 from ..experiments.workers import Task, run_tasks
 from ..refine.evolve import Budget
 from ..runs.about import RunError, versions
-from ..runs.checkpoint import write_atomically
 from .choose import choose, test
 from .files import FILE as FRONT
 from .found import Found, kept
@@ -118,7 +118,7 @@ def begin(plan: Plan, folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists and is no search; choose another --out")
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(file, (json.dumps(plan.to_dict(), indent=1) + "\n").encode())
+    files.write(file, (json.dumps(plan.to_dict(), indent=1) + "\n"))
 
 
 def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:

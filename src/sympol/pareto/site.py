@@ -61,9 +61,10 @@ def trained(site: Site, policy: str, folder: Path, share: Budget, **options: Any
         return time.perf_counter() - began < share.seconds
 
     callbacks: list[Callback] = [keep_in(run), in_time]
-    if agent.num_timesteps < agent.config.total_timesteps:
-        agent.learn(callback=callbacks, progress_bar=False)
-    run.save_summary(finish(agent, run, None, None, 0))
+    with run:
+        if agent.num_timesteps < agent.config.total_timesteps:
+            agent.learn(callback=callbacks, progress_bar=False)
+        run.save_summary(finish(agent, run, None, None, 0))
     return agent, Spent(env_steps=agent.num_timesteps, seconds=time.perf_counter() - began)
 
 

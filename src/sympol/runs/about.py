@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
+import reprlib
 import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium
 import tomli_w
 
-from .. import __version__
+from .. import __version__, files
 from ..algos.config import Config, ConfigError
 from ..envs import native
 from ..envs.origin import Origin
@@ -49,6 +49,11 @@ _LATER: dict[str, Any] = {
     "start": {},
 }
 """What runs may lack, and what it was when they were made."""
+_QUOTES = "'\""
+_LONGEST = 300
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = 80
+_RANGES = {"seed": (0, 2**32 - 1), "eval_episodes": (1, 2**31)}
 
 
 def file_name(name: str) -> str:
@@ -58,6 +63,15 @@ def file_name(name: str) -> str:
 
 class RunError(RuntimeError):
     """A run's folder that cannot be made, read or continued; the message says what to do."""
+
+
+class WriteError(RunError):
+    """A file of a run that cannot be written, as on a full disk; the message names it and says how to go on."""
+
+
+def short(value: object) -> str:
+    """A value from a file as a part of an error message: not too long, and without control characters."""
+    return _REPR.repr(value)
 
 
 def describe(
@@ -100,32 +114,36 @@ def read(path: Path) -> tuple[dict[str, Any], Config]:
     """
     file = path / CONFIG
     try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
+        content = files.parse_toml(files.read_text(file, files.MOST))
         about, config = content["run"], content["config"]
     except (FileNotFoundError, NotADirectoryError) as error:
         raise RunError(f"there is no run in {path}: it has no {CONFIG}") from error
     except KeyError as error:
         raise RunError(f"{file} is not a run's: it lacks [{error.args[0]}]") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise RunError(f"{file} cannot be read: {error}") from error
     if not isinstance(about, dict) or not isinstance(config, dict):
         raise RunError(f"{file} is not a run's: [run] and [config] must be tables")
-    if about.get("format") != FORMAT:
+    if type(about.get("format")) is not int or about["format"] != FORMAT:
+        made_by, other = short(about.get("sympol", "?")).strip(_QUOTES), short(about.get("format"))
         raise RunError(
-            f"{path} was made by sympol {about.get('sympol', '?')} in format {about.get('format')}; this is "
+            f"{path} was made by sympol {made_by} in format {other}; this is "
             f"sympol {__version__}, which reads format {FORMAT}: install the version that made it"
         )
     for name, kind in _ABOUT.items():
         value = about.setdefault(name, _LATER[name]) if name in _LATER else about.get(name)
         parts = value if name.endswith("_names") and isinstance(value, list) else ["none"]
         if type(value) is not kind or not all(isinstance(part, str) for part in parts):
-            raise RunError(f"{file}: {name} must be a {kind.__name__}, got {value!r}")
+            raise RunError(f"{file}: {name} must be a {kind.__name__}, got {short(value)}")
+    for name, (low, high) in _RANGES.items():
+        if not low <= about[name] <= high:
+            raise RunError(f"{file}: {name} must be between {low} and {high}, got {short(about[name])}")
     try:
         about["groups"] = [Group(**group) for group in about["groups"]]
         Origin.from_dict(about)
         return about, Config.from_dict(config)
-    except (ConfigError, TypeError, ValueError) as error:
-        raise RunError(f"{file}: {error}") from error
+    except (ConfigError, TypeError, ValueError, OverflowError) as error:
+        raise RunError(f"{file}: {str(error)[:_LONGEST]}") from error
 
 
 _RUNS_A_MODULE = ("GymV21Environment-v0", "GymV26Environment-v0")
@@ -166,7 +184,7 @@ def _is_from(module: str, env_id: str) -> bool:
 def is_run(config_file: Path) -> bool:
     """Whether this is the config of a run of ours, and not one of the many other files of that name."""
     try:
-        about = tomllib.loads(config_file.read_text(encoding="utf-8")).get("run")
+        about = files.parse_toml(files.read_text(config_file, files.MOST)).get("run")
     except (OSError, ValueError):
         return False
     return isinstance(about, dict) and {"format", "sympol"} <= about.keys()

@@ -1,14 +1,17 @@
 """Checkpoints: safetensors with a checksum beside it, written so that a kill at any moment loses nothing.
 
-`save` writes the arrays, then a small JSON that holds their SHA-256, each to a temporary name first. Without a
-JSON that fits, a checkpoint does not exist; the one before is kept for that. Nothing is ever unpickled.
+`save` writes the arrays, then a small JSON, the seal, that holds their SHA-256, each whole or not at all
+(`sympol.files`). Without a seal that fits, a checkpoint does not exist; the one before is kept for that. Files of other
+names are left alone. Nothing is ever unpickled.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
+import re
 import warnings
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +23,12 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
+from .. import files
+
 KEPT = 2
+_NAME = re.compile(r"[0-9]{12}")
+_MOST_SEAL = 10_000
+"""The size, in bytes, of the largest seal that is read, and room for what safetensors says of an array."""
 
 State = TypeVar("State")
 
@@ -33,34 +41,39 @@ class DamagedCheckpoint(UserWarning):
     """A checkpoint was truncated or edited, and the one before it is used."""
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that is either the old one or the whole new one, whatever happens."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    with open(temporary, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-
-
 def save(folder: Path, state: Any, timestep: int) -> Path:
-    """Write a checkpoint and forget all but the newest two."""
+    """Write a checkpoint, and remove all earlier ones but the newest.
+
+    Raises:
+        OSError: it cannot be written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {name: np.array(leaf, order="C") for name, leaf in _named_leaves(state)}
     content = save_tensors(tensors)
     path = folder / f"{timestep:012d}.safetensors"
-    write_atomically(path, content)
+    files.write(path, content)
     seal = {"timestep": timestep, "sha256": hashlib.sha256(content).hexdigest()}
-    write_atomically(path.with_suffix(".json"), json.dumps(seal).encode())
-    for old in sorted(folder.glob("*.json"))[:-KEPT]:
-        old.unlink()
-        old.with_suffix(".safetensors").unlink(missing_ok=True)
+    files.write(path.with_suffix(".json"), json.dumps(seal))
+    for old in [old for old in _seals(folder) if int(old.stem) < timestep and _is_ours(old)][: -KEPT + 1]:
+        _remove(old)
     return path
 
 
 def has_checkpoints(folder: Path) -> bool:
     """Whether any was ever finished, be it damaged now."""
-    return any(folder.glob("*.json"))
+    return bool(_seals(folder))
+
+
+def remove_all(folder: Path) -> None:
+    """Remove all checkpoints, and the folder if nothing else is in it."""
+    if folder.is_symlink() or not folder.is_dir():
+        folder.unlink(missing_ok=True)
+        return
+    for file in folder.iterdir():
+        if _NAME.fullmatch(file.stem) and file.suffix in (".json", ".safetensors"):
+            file.unlink()
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def load_latest(folder: Path, like: State) -> tuple[State, int]:
@@ -69,7 +82,7 @@ def load_latest(folder: Path, like: State) -> tuple[State, int]:
     A truncated or edited one is passed over with a warning. Raises CheckpointError if none is left.
     """
     problems = []
-    for seal in sorted(folder.glob("*.json"), reverse=True):
+    for seal in reversed(_seals(folder)):
         try:
             state, timestep = _load(seal, like)
         except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
@@ -83,14 +96,52 @@ def load_latest(folder: Path, like: State) -> tuple[State, int]:
     raise CheckpointError(f"no usable checkpoint in {folder}{detail}")
 
 
+def _seals(folder: Path) -> list[Path]:
+    """The JSON files that are named as checkpoints are, oldest first; whatever else is there is somebody else's."""
+    try:
+        names = os.listdir(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    return sorted(
+        (folder / name for name in names if name.endswith(".json") and _NAME.fullmatch(name[:-5])),
+        key=lambda seal: int(seal.stem),
+    )
+
+
+def _remove(seal: Path) -> None:
+    """Remove a checkpoint, its seal last, so that a kill in between leaves what the next call removes."""
+    seal.with_suffix(".safetensors").unlink(missing_ok=True)
+    seal.unlink(missing_ok=True)
+
+
+def _is_ours(seal: Path) -> bool:
+    """Whether this is a checkpoint's seal, and not only named like one."""
+    try:
+        return _read_seal(seal)[0] == int(seal.stem)
+    except (OSError, ValueError):
+        return False
+
+
+def _read_seal(path: Path) -> tuple[int, str]:
+    seal = files.parse_json(files.read_text(path, _MOST_SEAL))
+    if not isinstance(seal, dict):
+        raise ValueError("its seal is not an object")
+    timestep, checksum = seal.get("timestep"), seal.get("sha256")
+    if type(timestep) is not int or timestep < 0 or not isinstance(checksum, str):
+        raise ValueError("its seal lacks a timestep and a checksum")
+    return timestep, checksum
+
+
 def _load(seal_path: Path, like: State) -> tuple[State, int]:
-    seal = json.loads(seal_path.read_text())
-    content = seal_path.with_suffix(".safetensors").read_bytes()
-    if hashlib.sha256(content).hexdigest() != seal["sha256"]:
+    timestep, checksum = _read_seal(seal_path)
+    named = jax.tree_util.tree_flatten_with_path(like)[0]  # arrays, or only their shapes
+    most = _MOST_SEAL + sum(int(leaf.size) * leaf.dtype.itemsize + _MOST_SEAL for _, leaf in named)
+    content = files.read_bytes(seal_path.with_suffix(".safetensors"), most)
+    if hashlib.sha256(content).hexdigest() != checksum:
         raise ValueError("its checksum does not match: truncated or edited")
     tensors = load_tensors(content)
     leaves = []
-    for path, leaf in jax.tree_util.tree_flatten_with_path(like)[0]:  # arrays, or only their shapes
+    for path, leaf in named:
         name = jax.tree_util.keystr(path)
         saved = tensors.pop(name)
         if saved.shape != leaf.shape or saved.dtype != leaf.dtype:
@@ -98,7 +149,7 @@ def _load(seal_path: Path, like: State) -> tuple[State, int]:
         leaves.append(saved)
     if tensors:
         raise ValueError(f"unexpected arrays {sorted(tensors)}")
-    return jax.tree.unflatten(jax.tree.structure(like), leaves), int(seal["timestep"])
+    return jax.tree.unflatten(jax.tree.structure(like), leaves), timestep
 
 
 def _named_leaves(state: Any) -> list[tuple[str, np.ndarray]]:

@@ -16,15 +16,17 @@ config says of what it was made, and how: `[run.distilled]`.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import os
-import shutil
-from collections.abc import Mapping
+import shlex
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from .. import __version__
+from .. import __version__, files
 from ..algos.config import Config
 from ..algos.start import Start
 from ..algos.state import TrainState
@@ -33,29 +35,37 @@ from ..envs.origin import Origin
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
-from .about import CONFIG, RunError, describe, is_run, read, require_no_import, to_toml
-from .checkpoint import CheckpointError, has_checkpoints, load_latest, save, write_atomically
+from .about import CONFIG, RunError, WriteError, describe, is_run, read, require_no_import, short, to_toml
+from .checkpoint import CheckpointError, has_checkpoints, load_latest, remove_all, save
+from .lock import LOCK, FolderLock, Held, writer_of
 from .metrics import MetricsFile
 
 _START = "start.json"
-_MADE = (
-    "checkpoints",
-    "distilled",
-    "tensorboard",
-    "metrics.csv",
-    _START,
-    "policy.json",
-    "policy.py",
-    "tree.txt",
-    "tree.svg",
-    "summary.json",
-    "episode.gif",
-    "report.html",
-)
+_FORMS = ("policy.json", "policy.py", "tree.txt", "tree.svg")
+"""A tree's."""
+_MADE = ("metrics.csv", *_FORMS, "summary.json", "episode.gif", "report.html")
+_NUMBERS = {
+    *("return_mean", "return_std", "sampled_return_mean", "sampled_return_std", "teacher_return_mean"),
+    *("teacher_return_std", "agreement", "action_difference", "validation_return", "episodes", "timesteps"),
+    *("nodes", "nodes_unpruned", "leaves", "depth", "max_nodes", "node_price", "wall_seconds"),
+    *("compile_seconds", "training_seconds", "distill_seconds", "steps_per_second"),
+}
+"""Of a summary, where it has them."""
+_REPAIRS = {
+    errno.ENOSPC: "make room there",
+    errno.EDQUOT: "make room there",
+    errno.EROFS: "make it writable",
+    errno.EACCES: "make it writable",
+    errno.EPERM: "make it writable",
+}
 
 
 class Run:
-    """One run's folder; see the module for what is in it."""
+    """One run's folder; see the module for what is in it.
+
+    Only one process at a time may write in it: the one that made it with `create`, or took it with `take`. It gives it
+    back with `close`, at the end of a ``with`` block, with the last reference to the run, or when it ends.
+    """
 
     def __init__(
         self, path: Path, about: Mapping[str, Any], config: Config, env: Any = None, *, trust: bool = False
@@ -63,6 +73,11 @@ class Run:
         self.path, self.about, self.config = path, about, config
         self._env, self._trust = env, trust
         self.metrics = MetricsFile(path / "metrics.csv")
+        self.way_on = (
+            "make it again" if about["distilled"] else f"go on with: sympol resume {shlex.quote(str(path))}"
+        )
+        """What to do once a disk that failed works again."""
+        self._lock: FolderLock | None = None
 
     @classmethod
     def create(
@@ -77,34 +92,74 @@ class Run:
         overwrite: bool = False,
         distilled: Mapping[str, Any] | None = None,
         start: Start | None = None,
+        flag: str | None = None,
     ) -> Run:
         """Make the folder and write its config; of a tree that was ``distilled``, by what.
 
-        Of a training that starts from a tree, the tree is written, too.
+        Of a training that starts from a tree, the tree is written, too. ``flag`` is what messages call the path.
 
         Raises:
-            RunError: it exists and is not to be overwritten, or is not a run, or cannot be written.
+            RunError: it exists and is not to be overwritten, or is not a run, or another process writes in it, or it
+                cannot be written.
         """
-        require_free(path, overwrite=overwrite, distilled=bool(distilled))
+        flag = flag or _flag(bool(distilled))
+
+        def check() -> None:
+            require_free(path, overwrite=overwrite, distilled=bool(distilled), flag=flag)
+
+        check()
         begun_with = {} if start is None else start.about()
         about = describe(spec, seed, preset, eval_episodes, distilled or {}, begun_with)
         text = to_toml(about, {} if distilled else config.to_dict())
+        run = cls(path, about, config)
         try:
             path.mkdir(parents=True, exist_ok=True)
-            for name in _MADE:  # what others put beside them stays
-                made = path / name
-                if made.is_dir() and not made.is_symlink():
-                    shutil.rmtree(made)
-                else:
-                    made.unlink(missing_ok=True)
+            run.take(flag)
+            check()  # again: another process may have made a run meanwhile
+            _clear(path)
             if start is not None:
-                write_atomically(path / _START, start.tree.to_json().encode())
-            write_atomically(path / CONFIG, text.encode())
+                files.write(path / _START, start.tree.to_json())
+            files.write(path / CONFIG, text)
         except OSError as error:
-            raise RunError(
-                f"cannot write {path}: {error.strerror}; choose another {_flag(bool(distilled))}"
-            ) from error
-        return cls(path, about, config)
+            run.close()
+            raise RunError(f"cannot write {_place(error, path)}; choose another {flag}") from error
+        except BaseException:
+            run.close()
+            raise
+        return run
+
+    def take(self, flag: str | None = None) -> None:
+        """Become the only process that writes in the folder; what killed ones left unfinished there is removed.
+
+        ``flag`` is how another folder can be chosen, where that is a way out.
+
+        Raises:
+            RunError: another process writes in it.
+            OSError: it cannot be written.
+        """
+        if self._lock is not None:
+            return
+        try:
+            self._lock = FolderLock(self.path)
+        except Held as error:
+            raise _written_by(str(error), self.path, flag) from None
+        for folder in (self.path, self.path / "checkpoints"):
+            if folder == self.path or not folder.is_symlink():
+                files.remove_temporaries(folder)
+
+    def close(self) -> None:
+        """Let other processes write in the folder; the lock's file stays where no config was written (`_is_unused`)."""
+        if self._lock is not None:
+            self._lock.release(remove=(self.path / CONFIG).exists())
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        """It is closed at the end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
 
     @classmethod
     def open(cls, path: Path, env: Any = None, *, trust: bool = False) -> Run:
@@ -155,9 +210,9 @@ class Run:
             return None
         file = self.path / _START
         try:
-            tree = DecisionTree.from_json(file.read_text(encoding="utf-8"))
+            tree = DecisionTree.from_json(files.read_text(file, files.MOST))
             return Start.from_about(tree, self.about["start"])
-        except (OSError, TypeError, ValueError, KeyError) as error:
+        except (OSError, TypeError, ValueError, KeyError, OverflowError) as error:
             raise RunError(
                 f"{self.path} started from a tree, which cannot be read in {file}: {error}"
             ) from error
@@ -203,9 +258,39 @@ class Run:
             raise RunError(f"{self.path / CONFIG}: {error}") from error
         return replace(spec, is_native=True) if without_numba else spec
 
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Within it a failing disk is a WriteError that names the file and says how to go on.
+
+        Raises:
+            WriteError: see there.
+        """
+        try:
+            yield
+        except OSError as error:
+            repair = _REPAIRS.get(error.errno or 0, "see to that")
+            raise WriteError(
+                f"cannot write {_place(error, self.path)}; {repair}, then {self.way_on}"
+            ) from error
+
+    def require_own_checkpoints(self) -> None:
+        """Raise RunError where checkpoints would be written through a link, into a folder that is somebody else's."""
+        folder = self.path / "checkpoints"
+        if folder.is_symlink():
+            raise RunError(
+                f"{folder} is a link to {os.path.realpath(folder)}, and a run writes only in its own folder; put a "
+                "folder in the place of the link, with a copy of the files in the other"
+            )
+
     def save_checkpoint(self, state: TrainState) -> None:
-        """Write the state of the training."""
-        save(self.path / "checkpoints", state, int(state.timestep))
+        """Write the state of the training.
+
+        Raises:
+            RunError: it cannot be written.
+        """
+        self.require_own_checkpoints()
+        with self.writing():
+            save(self.path / "checkpoints", state, int(state.timestep))
 
     def load_checkpoint(self, template: TrainState) -> TrainState | None:
         """The newest whole state; None where none was saved yet.
@@ -227,13 +312,27 @@ class Run:
             raise RunError(f"{error}; train anew with --overwrite, or into another --run-dir") from error
 
     def save_tree(self, tree: DecisionTree) -> None:
-        """Write the tree in every form."""
+        """Write the tree in every form.
+
+        Raises:
+            RunError: it cannot be written.
+        """
         self._write("policy.json", tree.to_json())
         self._write("policy.py", tree.to_python())
         self._write("tree.txt", tree.to_text() + "\n")
-        temporary = self.path / ".tree.tmp.svg"
-        tree.plot(temporary)
-        os.replace(temporary, self.path / "tree.svg")
+        with self.writing():
+            tree.plot(self.path / "tree.svg")
+
+    def is_finished(self) -> bool:
+        """Whether all that is written at the end of a training is there, and whole."""
+        try:
+            if self.load_summary() is None:
+                return False
+            if self.has_tree:
+                self.load_tree()
+        except RunError:
+            return False
+        return not self.has_tree or all((self.path / name).is_file() for name in _FORMS)
 
     def load_tree(self) -> DecisionTree:
         """The tree.
@@ -248,7 +347,7 @@ class Run:
                 f"sympol distill {self.path}"
             )
         try:
-            return DecisionTree.from_json(file.read_text(encoding="utf-8"))
+            return DecisionTree.from_json(files.read_text(file, files.MOST))
         except FileNotFoundError as error:
             raise RunError(
                 f"{self.path} has no policy.json yet; "
@@ -265,29 +364,45 @@ class Run:
         """
         file = self.path / "summary.json"
         try:
-            summary = json.loads(file.read_text(encoding="utf-8"))
+            summary = files.parse_json(files.read_text(file, files.MOST))
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             raise RunError(f"{file} cannot be read: {error}") from error
         if not isinstance(summary, dict):
             raise RunError(f"{file} cannot be read: it holds no object")
+        for name in _NUMBERS & summary.keys():
+            if type(summary[name]) not in (int, float):
+                raise RunError(
+                    f"{file} is not a run's summary: {name} must be a number, got {short(summary[name])}"
+                )
         return summary
 
     def save_summary(self, summary: Mapping[str, Any]) -> None:
-        """Write what came of it."""
+        """Write what came of it.
+
+        Raises:
+            RunError: it cannot be written.
+        """
         self._write("summary.json", json.dumps(summary, indent=2) + "\n")
 
     def _write(self, name: str, text: str) -> None:
-        write_atomically(self.path / name, text.encode())
+        with self.writing():
+            files.write(self.path / name, text)
 
 
-def require_free(path: Path, *, overwrite: bool, distilled: bool = False) -> None:
-    """Raise RunError where no run can be made: a file, something else's folder, or a run not to be replaced."""
-    flag = _flag(distilled)
+def require_free(path: Path, *, overwrite: bool, distilled: bool = False, flag: str | None = None) -> None:
+    """Raise RunError where no run can be made.
+
+    That is at a file, in something else's folder, where another process writes, or at a run that is not to be replaced.
+    """
+    flag = flag or _flag(distilled)
     if path.exists() and not path.is_dir():
         raise RunError(f"{path} is a file; choose another {flag}")
-    if path.is_dir() and any(path.iterdir()):
+    for folder in (path, *(path / "distilled").glob("*")):
+        if (writer := writer_of(folder)) is not None:
+            raise _written_by(writer, folder, flag)
+    if path.is_dir() and not _is_unused(path):
         if not is_run(path / "config.toml"):
             raise RunError(f"{path} exists and is not a sympol run; choose another {flag}")
         if not overwrite:
@@ -297,5 +412,50 @@ def require_free(path: Path, *, overwrite: bool, distilled: bool = False) -> Non
             )
 
 
+def _is_unused(path: Path) -> bool:
+    """Whether a folder is empty, or holds only what a process left that was killed before it wrote the config."""
+    names = set(os.listdir(path))
+    unfinished = {name for name in names if name == LOCK or files.is_temporary(name)}
+    rest = names - unfinished
+    if LOCK in names:  # only a run's folder has one: what is there besides has stayed when a run was replaced
+        return not rest & {CONFIG, *_MADE} and not has_checkpoints(path / "checkpoints")
+    return not rest or (bool(unfinished) and rest == {_START})
+
+
+def _clear(path: Path) -> None:
+    """Remove a run, and leave what others have put beside and into its folders.
+
+    The config goes last: a process killed meanwhile leaves a run without results, or what `_is_unused`.
+    """
+    remove_all(path / "checkpoints")
+    for folder, pattern in ((path / "distilled", "*"), (path / "tensorboard", "events.out.tfevents.*")):
+        if folder.is_symlink():
+            folder.unlink()
+            continue
+        for made in folder.glob(pattern):
+            if not made.is_dir():
+                made.unlink()
+            elif not made.is_symlink() and is_run(made / CONFIG):
+                _clear(made)
+                _remove_if_empty(made)
+        _remove_if_empty(folder)
+    for name in (*_MADE, CONFIG, _START):
+        (path / name).unlink(missing_ok=True)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
 def _flag(distilled: bool) -> str:
     return "--out" if distilled else "--run-dir"
+
+
+def _written_by(writer: str, path: Path, flag: str | None) -> RunError:
+    another = "" if flag is None else f", or choose another {flag}"
+    return RunError(f"{path} is being written by {writer}; wait until it has ended{another}")
+
+
+def _place(error: OSError, path: Path) -> str:
+    return f"{error.filename or path}: {error.strerror or error}"

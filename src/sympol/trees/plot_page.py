@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
+from .. import files
 from .layout import levels, tidy
 from .plot_boxes import Pen
 from .tree import DecisionTree
@@ -109,4 +111,7 @@ def check_file(path: str | PathLike[str]) -> None:
 def save(figure: Figure, path: str | PathLike[str]) -> None:
     """Save a figure, the same one always as the same bytes."""
     dpi = min(200.0, 20_000 / max(figure.get_size_inches()))
-    figure.savefig(path, dpi=dpi, metadata=_METADATA[Path(path).suffix.lower()])
+    path, drawn = Path(path), io.BytesIO()
+    suffix = path.suffix.lower()
+    figure.savefig(drawn, format=suffix[1:], dpi=dpi, metadata=_METADATA[suffix])
+    files.write(path, drawn.getvalue())

@@ -1,0 +1,210 @@
+"""Files written whole or not at all, and files of strangers read within bounds.
+
+Whatever sympol writes passes `write` or `append`. A new file gets a name that nobody can predict and is renamed when it
+is complete, so that a process killed at any moment leaves the old file or the new one. A symbolic link is never written
+through: it is replaced, and what it points to stays as it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import secrets
+import stat
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+_TEMPORARY = re.compile(r"\.sympol-(\d+)-[0-9a-f]{16}\.tmp")
+"""Names of unfinished files, with the number of the process that writes them."""
+_NO_WAIT = sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_BINARY", "O_NONBLOCK"))
+"""Opening a pipe does not wait for whoever is at its other end."""
+NO_LINK = _NO_WAIT | getattr(os, "O_NOFOLLOW", 0)
+"""Opening a symbolic link fails, too."""
+MOST = 2**26
+"""The size, in bytes, of the largest text that is read: 64 MiB, which is more than any file that sympol writes."""
+
+_DEEPEST = 100
+_MOST_BITS = 1000
+"""Of a whole number: it can be printed, and is a number of 64 bits with a decimal point, too."""
+_MOST_DOTS = 10_000_000
+_TOO_DEEP = f"it nests more than {_DEEPEST} levels deep"
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file that is either the old one or the whole new one, whatever happens.
+
+    It is on the disk when this returns. Its permissions are those of the file that it replaces; a new one has what the
+    umask leaves. A device or a pipe, such as ``/dev/stdout``, is written to directly.
+
+    Raises:
+        OSError: it cannot be written; ``filename`` is ``path``.
+    """
+    content = content.encode() if isinstance(content, str) else content
+    with _named(path):
+        if _is_special(path):
+            with open(path, "wb") as file:
+                file.write(content)
+            return
+        temporary = path.with_name(f".sympol-{os.getpid()}-{secrets.token_hex(8)}.tmp")
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666)
+        try:
+            with open(descriptor, "wb") as file:
+                _keep_mode(path, descriptor)
+                file.write(content)
+                file.flush()
+                os.fsync(descriptor)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def append(path: Path, content: str | bytes) -> None:
+    """Write at the end of a file, which is made where there is none; all of it, or nothing if that fails.
+
+    Raises:
+        OSError: it cannot be written; ``filename`` is ``path``.
+    """
+    content = content.encode() if isinstance(content, str) else content
+    if path.is_symlink():
+        write(path, (read_bytes(path, MOST) if path.exists() else b"") + content)
+        return
+    with _named(path):
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
+        with open(descriptor, "ab", buffering=0) as file:
+            before = os.fstat(descriptor).st_size
+            try:
+                written = file.write(content)
+                while written < len(content):
+                    written += file.write(content[written:])
+            except OSError:
+                with contextlib.suppress(OSError):
+                    os.ftruncate(descriptor, before)
+                raise
+
+
+def read_text(path: Path, most: int = MOST) -> str:
+    """Read a text in UTF-8, with or without a byte-order mark, of at most so many bytes.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no ordinary file, or larger, or not UTF-8.
+    """
+    return read_bytes(path, most).decode("utf-8-sig")
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Read a file of at most so many bytes.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no ordinary file (reading a pipe might never end), or larger.
+    """
+    descriptor = os.open(path, os.O_RDONLY | _NO_WAIT)
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode):
+        os.close(descriptor)
+        raise ValueError("it is not an ordinary file")
+    with open(descriptor, "rb") as file:
+        if found.st_size > most:
+            raise ValueError(f"it has {found.st_size:,} bytes, and at most {most:,} are read")
+        return file.read(most)
+
+
+def parse_json(text: str) -> Any:
+    """Parse JSON that may come from a stranger.
+
+    Raises:
+        ValueError: it is not JSON, or nests too deeply.
+    """
+    return _parsed(json.loads, text)
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse TOML that may come from a stranger.
+
+    Raises:
+        ValueError: it is not TOML, or nests too deeply.
+    """
+    # of a key such as a.a.a.a, tomllib keeps every beginning: memory that grows with the square of its length
+    if sum(line.count(".") ** 2 for line in text.split("\n")) > _MOST_DOTS:
+        raise ValueError(_TOO_DEEP)
+    return _parsed(tomllib.loads, text)
+
+
+def _parsed(loads: Callable[[str], Any], text: str) -> Any:
+    try:
+        content = loads(text)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    except ValueError as error:  # what follows a semicolon is about Python
+        raise ValueError(str(error).split(";")[0]) from None
+    level = [content]
+    for _ in range(_DEEPEST):
+        if any(isinstance(one, int) and one.bit_length() > _MOST_BITS for one in level):
+            raise ValueError("a number in it has too many digits")
+        level = [one for one in level if isinstance(one, dict | list)]
+        level = [part for one in level for part in (one.values() if isinstance(one, dict) else one)]
+        if not level:
+            return content
+    raise ValueError(_TOO_DEEP)
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file of this name is an unfinished one of ours, by this version or an earlier one."""
+    return bool(_TEMPORARY.fullmatch(name)) or (name.startswith(".") and name.endswith((".tmp", ".tmp.svg")))
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove the unfinished files of processes that are no longer there."""
+    for file in folder.iterdir() if folder.is_dir() else ():
+        found = _TEMPORARY.fullmatch(file.name)
+        if found and not _is_alive(int(found[1])):
+            file.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    if os.name != "posix" or process == os.getpid():
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True  # it is somebody else's
+    return True
+
+
+def _is_special(path: Path) -> bool:
+    """Whether this is a device or a pipe, or a name that only the system gives, such as ``/dev/stdout``."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    folder = Path(os.path.realpath(path.parent))
+    return (
+        not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+        or folder == Path("/dev")
+        or folder.parts[1:2] == ("proc",)
+    )
+
+
+def _keep_mode(path: Path, descriptor: int) -> None:
+    """Give a new file the permissions of the one it is to replace."""
+    with contextlib.suppress(OSError, AttributeError):
+        there = path.lstat().st_mode
+        if stat.S_ISREG(there):
+            os.fchmod(descriptor, stat.S_IMODE(there))
+
+
+@contextlib.contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Let every OSError name the file that was to be written, and no temporary one."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error

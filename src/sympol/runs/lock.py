@@ -1,0 +1,219 @@
+"""One writer at a time: a file that one process holds locked, and that the operating system releases when it dies."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import stat
+import sys
+import threading
+import time
+import warnings
+from pathlib import Path
+from typing import Self
+
+from ..files import NO_LINK
+
+LOCK = ".sympol.lock"
+"""Its name in a run's folder, which has one only while it is written, or after its writer was killed."""
+_PATIENCE = 0.2
+"""Seconds for which a lock is tried: whoever only asks whether it is free holds it for a moment."""
+_HELD_BY_ANOTHER = {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
+_NO_LOCKS_HERE = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL}
+
+
+class Held(Exception):
+    """Another process, or another lock of this process, holds it; the message says which."""
+
+
+class NoLocks(UserWarning):
+    """The file system has no locks, so nothing keeps two processes from writing the same files."""
+
+
+class FileLock:
+    """A lock on a file, held until `release` or the end of the process; a forked child does not inherit it.
+
+    The file says who holds it, and is removed on release.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._descriptor: int | None = None
+
+    def acquire(self, *, wait: bool = False) -> None:
+        """Take the lock.
+
+        Raises:
+            Held: somebody has it, and this is not to ``wait``.
+            OSError: the file cannot be made.
+        """
+        deadline = time.monotonic() + _PATIENCE
+        while not self._try():
+            if not wait and time.monotonic() >= deadline:
+                raise Held(_holder(self.path))
+            time.sleep(0.02)
+
+    def release(self, *, remove: bool = True) -> None:
+        """Let others have it; the file may stay."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is None or descriptor not in _OPEN:
+            return  # it was never taken, or by the process that this one was forked from
+        _OPEN.discard(descriptor)
+        if remove and _is_still(self.path, descriptor):
+            with contextlib.suppress(OSError):
+                self.path.unlink()
+        os.close(descriptor)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether this process has it, and the file is still there."""
+        descriptor = self._descriptor
+        return descriptor is not None and descriptor in _OPEN and _is_still(self.path, descriptor)
+
+    def __enter__(self) -> Self:
+        """Take it."""
+        self.acquire()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let others have it."""
+        self.release()
+
+    def _try(self) -> bool:
+        descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+        try:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise OSError(errno.EINVAL, "it is not an ordinary file", str(self.path))
+            if not _lock(descriptor, self.path) or not _is_still(self.path, descriptor):
+                os.close(descriptor)
+                return False
+        except OSError:
+            os.close(descriptor)
+            raise
+        with contextlib.suppress(OSError):  # on a full disk it does not say who holds it
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+        self._descriptor = descriptor
+        _OPEN.add(descriptor)
+        return True
+
+
+class FolderLock:
+    """The right of this process to write in a folder; it may be taken again where this process has it already.
+
+    Raises:
+        Held: another process writes there.
+        OSError: the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._key = os.path.realpath(folder)
+        with _MUTEX:
+            lock, count = _FOLDERS.get(self._key, (None, 0))
+            if lock is None or not lock.is_held:
+                lock, count = FileLock(folder / LOCK), 0
+                lock.acquire()
+            self._lock: FileLock | None = lock
+            _FOLDERS[self._key] = lock, count + 1
+
+    def release(self, *, remove: bool = True) -> None:
+        """Give it up, once; the file may stay."""
+        with _MUTEX:
+            mine, self._lock = self._lock, None
+            lock, count = _FOLDERS.get(self._key, (None, 0))
+            if mine is None or lock is not mine:
+                return
+            if count > 1:
+                _FOLDERS[self._key] = mine, count - 1
+            else:
+                del _FOLDERS[self._key]
+                mine.release(remove=remove)
+
+    def __del__(self) -> None:
+        """Give it up with the last reference to it."""
+        if hasattr(self, "_lock") and not sys.is_finalizing():
+            self.release()
+
+
+def writer_of(folder: Path) -> str | None:
+    """The other process that writes in a folder; None where there is none."""
+    with _MUTEX:
+        if os.path.realpath(folder) in _FOLDERS:
+            return None
+    try:
+        descriptor = os.open(folder / LOCK, os.O_RDWR | NO_LINK)
+    except OSError:
+        return None
+    try:
+        return None if _lock(descriptor, folder / LOCK) else _holder(folder / LOCK)
+    finally:
+        os.close(descriptor)
+
+
+_OPEN: set[int] = set()
+_FOLDERS: dict[str, tuple[FileLock, int]] = {}
+_MUTEX = threading.RLock()
+
+
+def _forget() -> None:
+    """Close, in a forked child, what its parent holds: the lock must not outlive the parent."""
+    global _MUTEX
+    for descriptor in _OPEN:
+        with contextlib.suppress(OSError):
+            os.close(descriptor)
+    _OPEN.clear()
+    _FOLDERS.clear()
+    _MUTEX = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+
+
+def _holder(path: Path) -> str:
+    try:
+        words = path.read_bytes()[:200].decode("utf-8", "replace").split()
+    except OSError:
+        words = []
+    return " ".join(words) or "another process"
+
+
+def _is_still(path: Path, descriptor: int) -> bool:
+    """Whether the open file is the one of this name: its holder may have removed it meanwhile."""
+    try:
+        return os.path.samestat(os.lstat(path), os.fstat(descriptor))
+    except OSError:
+        return False
+
+
+def _lock(descriptor: int, path: Path) -> bool:
+    """Lock an open file, if nobody else has; return whether that could be done."""
+    try:
+        _lock_now(descriptor)
+    except OSError as error:
+        if error.errno in _HELD_BY_ANOTHER:
+            return False
+        if error.errno not in _NO_LOCKS_HERE:
+            raise
+        warnings.warn(
+            f"the file system of {path.parent} has no locks: make sure that no other process writes there",
+            NoLocks,
+            stacklevel=2,
+        )
+    return True
+
+
+if sys.platform == "win32":  # pragma: no cover
+    import msvcrt
+
+    def _lock_now(descriptor: int) -> None:
+        os.lseek(descriptor, 1000, os.SEEK_SET)  # behind the words that say who holds it
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+else:
+    import fcntl
+
+    def _lock_now(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
