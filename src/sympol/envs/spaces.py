@@ -154,6 +154,22 @@ def check_names(names: Sequence[str] | None, default: Sequence[str], what: str) 
     return tuple(names)
 
 
+def require_spaces(env: Any) -> None:
+    """Raise ValueError, naming it, where an environment lacks one of its two spaces."""
+    for name, like in (("observation_space", "Box(low, high)"), ("action_space", "Discrete(n)")):
+        try:
+            space = getattr(env, name)
+        except AttributeError:
+            raise ValueError(
+                f"{type(env).__name__} has no {name}: set it in __init__, to a space such as gymnasium.spaces.{like}"
+            ) from None
+        if not isinstance(space, Space):
+            raise ValueError(
+                f"the {name} of {type(env).__name__} must be a space such as gymnasium.spaces.{like}, got "
+                f"{describe(space)}"
+            )
+
+
 def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
     """Describe the actions of a space, with the user's names for its actions (``Discrete``) or components.
 
@@ -271,7 +287,7 @@ def _flatten(space: Space, observation: Any, path: str) -> Iterator[NDArray]:
                 yield _one_hot(array[..., *index], int(space.start[index]), int(space.nvec[index]), where)
         case Dict():
             if not isinstance(observation, dict) or observation.keys() != space.spaces.keys():
-                got = _keys(observation) if isinstance(observation, dict) else _describe(observation)
+                got = _keys(observation) if isinstance(observation, dict) else describe(observation)
                 raise ValueError(f"{path} must be a dict with the keys {_keys(space.spaces)}, got {got}")
             for key, part in space.spaces.items():
                 yield from _flatten(part, observation[key], f"{path}[{key!r}]")
@@ -282,13 +298,13 @@ def _flatten(space: Space, observation: Any, path: str) -> Iterator[NDArray]:
 def _flatten_tuple(space: Tuple, observation: Any, path: str) -> Iterator[NDArray]:
     listed = isinstance(observation, list) or (isinstance(observation, np.ndarray) and observation.ndim > 0)
     if not (listed or isinstance(observation, tuple)) or len(observation) != len(space.spaces):
-        raise ValueError(f"{path} must be a tuple of {len(space.spaces)} parts, got {_describe(observation)}")
+        raise ValueError(f"{path} must be a tuple of {len(space.spaces)} parts, got {describe(observation)}")
     for position, (part, value) in enumerate(zip(space.spaces, observation, strict=True)):
         for flat in _flatten(part, value, f"{path}[{position}]"):
             if listed and flat.ndim > 1:  # parts of a batch, or a batch of tuples? A guess might be wrong
                 raise ValueError(
                     f"{path} must be a tuple of {len(space.spaces)} parts where it is a batch (a list or an array is "
-                    f"one observation), got {_describe(observation)}"
+                    f"one observation), got {describe(observation)}"
                 )
             yield flat
 
@@ -313,7 +329,7 @@ def _array(observation: Any, kinds: str, space: Space, path: str) -> NDArray:
         numbers = "integers" if "f" not in kinds else "real numbers"
         raise ValueError(
             f"{path} must be an array of {numbers} of shape {shape} (or a batch of such, with leading axes), "
-            f"got {_describe(observation)}; the space is {space}"
+            f"got {describe(observation)}; the space is {space}"
         )
     return array
 
@@ -352,7 +368,8 @@ def _shorten(names: Sequence[str], limit: int = 8) -> str:
     return ", ".join(map(repr, names[:limit])) + (", …" if len(names) > limit else "")
 
 
-def _describe(value: Any) -> str:
+def describe(value: Any) -> str:
+    """Say what was given, for a message: type and value, shortened, and of an array only dtype and shape."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype} array of shape {value.shape}"
     text = repr(value)
