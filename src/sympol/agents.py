@@ -179,7 +179,7 @@ class Agent(abc.ABC):
             if self.num_timesteps >= stop:
                 continue
             state = trainer.advance(self.state, stop)
-            require_finite(state, self.num_timesteps)  # waits for the device, too
+            require_finite(state, self.num_timesteps, self.spec.features.names)  # waits for the device, too
             if is_due(self.config, self.num_timesteps, int(state.timestep)):
                 bar.say("pruning by what it earns")
                 state = self._within_limit(trainer, state)

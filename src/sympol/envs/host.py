@@ -6,7 +6,7 @@ are), behind the same `Step` that an environment in JAX answers with.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, SupportsFloat
 
 import gymnasium
@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float32, Shaped
 from numpy import ndarray
 
 from ..types import Step
-from .spaces import Features, describe, native_actions
+from .spaces import LARGEST, Features, describe, native_actions
 
 
 class EnvironmentFailure(RuntimeError):
@@ -35,6 +35,26 @@ def require_finite(what: str, values: Float32[ndarray, "envs ..."]) -> None:
     index = np.argwhere(~np.isfinite(values))[0][0]
     raise EnvironmentFailure(
         f"environment {index} returned {what} that is not finite in float32: {values[index]}"
+    )
+
+
+def require_held(what: str, observations: Float32[ndarray, "envs features"], names: Sequence[str]) -> None:
+    """Raise EnvironmentFailure where an observation is not finite, or too large to be scaled in float32."""
+    if (np.abs(observations) <= LARGEST).all():
+        return
+    require_finite(what, observations)
+    index, feature = np.argwhere(np.abs(observations) > LARGEST)[0]
+    raise EnvironmentFailure(
+        f"environment {index} returned {what} with {names[feature]} = {observations[index, feature]:g}; "
+        f"{too_large([names[feature]])}"
+    )
+
+
+def too_large(names: Sequence[str]) -> str:
+    """Say what to do about features that are beyond `LARGEST`."""
+    return (
+        f"{', '.join(names)} must be at most {LARGEST:.2g} in magnitude, as larger numbers cannot be scaled in float32: "
+        "give it in a larger unit, or its logarithm (gymnasium.wrappers.TransformObservation)"
     )
 
 
@@ -124,6 +144,7 @@ class HostEnvs:
 
     def __init__(self, make: Callable[[], gymnasium.Env], num_envs: int, features: Features):
         """Make the copies. ``features`` describes the observation space of each."""
+        self._names = features.names
         makers = [_Maker(make, index, features) for index in range(num_envs)]
         self._envs = SyncVectorEnv(makers, copy=False, autoreset_mode=AutoresetMode.SAME_STEP)
 
@@ -142,7 +163,7 @@ class HostEnvs:
             word & ~1 for word in np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()
         ]
         observation, _ = self._envs.reset(seed=seeds)
-        require_finite("an observation", observation)
+        require_held("an observation", observation, self._names)
         return observation.copy()
 
     def step(
@@ -163,8 +184,8 @@ class HostEnvs:
         for index in np.flatnonzero(terminated | truncated):
             last_observation[index] = info["final_obs"][index]
         reward = reward.astype(np.float32)
-        require_finite("an observation", last_observation)
-        require_finite("a first observation of an episode", next_observation)
+        require_held("an observation", last_observation, self._names)
+        require_held("a first observation of an episode", next_observation, self._names)
         require_finite("a reward", reward)
         step: Any = last_observation, reward, terminated, truncated  # NumPy's arrays, not JAX's
         return Step(*step), next_observation

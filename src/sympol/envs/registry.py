@@ -19,6 +19,7 @@ from .acrobot import Acrobot
 from .cartpole import CartPole
 from .env import Env
 from .host import MissingExtra
+from .jax_env import kept_to_protocol, time_limit
 from .mountain_car import MountainCar, MountainCarContinuous
 from .names import known_names
 from .native import has_task
@@ -156,7 +157,7 @@ def resolve(
 
     return EnvSpec(
         name=name,
-        env=jax_env if in_jax else None,
+        env=kept_to_protocol(jax_env) if jax_env is not None and in_jax else None,
         make_host=make_host,
         observation_space=example.observation_space,
         action_space=example.action_space,
@@ -289,4 +290,4 @@ def _made_with(env: gymnasium.Env | Env) -> dict[str, Any]:
 def _max_episode_steps(env: gymnasium.Env | Env) -> int | None:
     if isinstance(env, gymnasium.Env):
         return env.spec.max_episode_steps if env.spec is not None else None
-    return getattr(env, "max_episode_steps", None)
+    return time_limit(env)

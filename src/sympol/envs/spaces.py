@@ -23,6 +23,8 @@ from ..trees.groups import Group, check_groups, require_one_hot
 UNBOUNDED = 1e6
 """A bound as far out as this says nothing about a feature: it stands there because the space asked for one."""
 
+LARGEST = 2.0**63
+"""Observations beyond that are not trained on: in float32 their squares, and with them any scale, overflow."""
 
 Path: TypeAlias = tuple[Any, ...]
 """Where a space is inside another: the keys of ``Dict`` and the positions of ``Tuple``, from the root on."""
