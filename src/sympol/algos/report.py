@@ -20,7 +20,7 @@ def require_finite(state: TrainState, before: int, names: Sequence[str]) -> None
     if unscaled.size:
         raise EnvironmentFailure(
             f"in its first {int(state.timestep):,} steps the environment returned an observation that is not finite or "
-            f"too large: {too_large([names[feature] for feature in unscaled])}"
+            f"too large: {too_large([names[feature] for feature in unscaled.tolist()])}"
         )
     numbers = [*jax.tree.leaves(state.networks), state.validation.last_return]
     if not all(np.isfinite(np.asarray(leaf)).all() for leaf in numbers):

@@ -43,7 +43,7 @@ def require_held(what: str, observations: Float32[ndarray, "envs features"], nam
     if (np.abs(observations) <= LARGEST).all():
         return
     require_finite(what, observations)
-    index, feature = np.argwhere(np.abs(observations) > LARGEST)[0]
+    index, feature = map(int, np.argwhere(np.abs(observations) > LARGEST)[0])
     raise EnvironmentFailure(
         f"environment {index} returned {what} with {names[feature]} = {observations[index, feature]:g}; "
         f"{too_large([names[feature]])}"
@@ -53,8 +53,8 @@ def require_held(what: str, observations: Float32[ndarray, "envs features"], nam
 def too_large(names: Sequence[str]) -> str:
     """Say what to do about features that are beyond `LARGEST`."""
     return (
-        f"{', '.join(names)} must be at most {LARGEST:.2g} in magnitude, as larger numbers cannot be scaled in float32: "
-        "give it in a larger unit, or its logarithm (gymnasium.wrappers.TransformObservation)"
+        f"{', '.join(names)} must be at most {LARGEST:.2g} in magnitude, as larger numbers cannot be scaled in "
+        "float32: give it in a larger unit, or its logarithm (gymnasium.wrappers.TransformObservation)"
     )
 
 

@@ -41,7 +41,7 @@ def center_and_scale(
     mean, std = jnp.mean(x, axis=0), jnp.std(x, axis=0)
     size, spread = jnp.maximum(jnp.abs(low), jnp.abs(high)), jnp.where(moving, high - low, 1)
     as_they_are = (std > 1e-6) & (size < 1e15) & (size < _FAR * spread)
-    near_one = (x - x[0]) / spread
+    near_one = (x - x[:1]) / spread[None]
     mean = jnp.where(as_they_are, mean, x[0] + jnp.mean(near_one, axis=0) * spread)
     scale = jnp.where(
         as_they_are,
