@@ -204,6 +204,24 @@ def test_help_shows_the_environment_s_own_preset(capsys):
                 assert f"(default: {value})" in said
 
 
+@pytest.mark.parametrize(
+    ("word", "number"), [("4e3", 4000), ("4000.0", 4000), ("4_000", 4000), ("4.5e3", 4500)]
+)
+def test_whole_numbers_may_be_written_as_floats(word, number):
+    given = parse_train(
+        ["CartPole-v1", "--total-timesteps", word, "--seed", "1e0", "--critic-hidden", "8e0", "4"]
+    )
+    assert given.config.total_timesteps == number
+    assert type(given.config.total_timesteps) is int
+    assert (given.seed, given.config.critic_hidden) == (1, (8, 4))
+
+
+@pytest.mark.parametrize("word", ["4.5", "1e", "inf", "nan", "200k", "1e400", ""])
+def test_what_is_no_whole_number_is_said(word):
+    with pytest.raises(ValueError, match=rf"--total-timesteps.*must be a whole number, got '{word}'"):
+        parse_train(["CartPole-v1", "--total-timesteps", word])
+
+
 def test_what_fits_only_with_its_preset_is_taken():
     """450 steps are less than one rollout by default, and a whole one of the paper's seven environments."""
     given = parse_train(["CartPole-v1", "--total-timesteps", "450", "--preset", "paper"])

@@ -17,6 +17,7 @@ from .algos.config import Config
 from .algos.network import outputs
 from .algos.presets import DEFAULT, preset
 from .algos.report import metrics_of, require_finite
+from .algos.rules import whole
 from .algos.start import Start, start_of
 from .algos.state import TrainState
 from .algos.train import make_trainer, stops
@@ -97,7 +98,8 @@ class Agent(abc.ABC):
         freeze: Iterable[int] | str = (),
         **config: Any,
     ) -> None:
-        if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
+        number = whole(seed)
+        if number is None or not 0 <= number < 2**32:
             raise ValueError(f"seed must be a whole number from 0 to 2^32 - 1, got {seed!r}")
         self.spec: EnvSpec = (
             env
@@ -111,7 +113,7 @@ class Agent(abc.ABC):
                 backend=backend,
             )
         )
-        self.seed = int(seed)
+        self.seed = number
         self.preset = preset
         self.start: Start | None = start_of(start, freeze, self.spec)
         """The tree that training begins with; None where it begins with a random policy."""
@@ -133,7 +135,7 @@ class Agent(abc.ABC):
 
     def learn(
         self,
-        total_timesteps: int | None = None,
+        total_timesteps: float | None = None,
         callback: Callback | Sequence[Callback] | None = None,
         *,
         progress_bar: bool = True,
@@ -177,7 +179,7 @@ class Agent(abc.ABC):
             if self.num_timesteps >= stop:
                 continue
             state = trainer.advance(self.state, stop)
-            require_finite(state, self.num_timesteps)  # waits for the device, too
+            require_finite(state, self.num_timesteps, self.spec.features.names)  # waits for the device, too
             if is_due(self.config, self.num_timesteps, int(state.timestep)):
                 bar.say("pruning by what it earns")
                 state = self._within_limit(trainer, state)

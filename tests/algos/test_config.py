@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -83,11 +84,13 @@ def test_numbers_out_of_range_are_refused(name):
 
 @pytest.mark.parametrize("name", sorted(FIELDS))
 def test_nan_and_wrong_types_are_refused(name):
-    wrong: list[object] = [None, math.nan, [1], "three", b"3", {}, np.float32(1), 1j]
+    wrong: list[object] = [None, math.nan, [1], "three", b"3", {}, np.float32(np.nan), np.arange(2), 1j]
     if not isinstance(FIELDS[name], bool):
-        wrong.append(True)
+        wrong += [True, np.True_, np.array(True)]
     if not isinstance(FIELDS[name], float):
-        wrong.append(0.5)
+        wrong += [0.5, np.float32(0.5)]
+    if isinstance(FIELDS[name], bool):
+        wrong += [1, np.int64(1)]
     for value in wrong:
         message = refused(name, value)
         assert repr(value) in message
@@ -154,6 +157,39 @@ def test_dictionaries_round_trip():
 
 def test_a_whole_number_will_do_for_a_float():
     assert Config(gamma=1).hyperparameters().gamma == np.float32(1)
+
+
+class Seven:
+    def __index__(self) -> int:
+        return 7
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "plain"),
+    [
+        ("depth", np.int64(7), 7),
+        ("depth", np.uint8(7), 7),
+        ("depth", np.array(7), 7),
+        ("depth", jnp.int32(7), 7),
+        ("depth", Seven(), 7),
+        ("depth", np.float32(7), 7),
+        ("total_timesteps", 1e6, 1_000_000),
+        ("gamma", np.float32(0.5), 0.5),
+        ("gamma", np.float16(0.5), 0.5),
+        ("gamma", np.int64(1), 1),
+        ("normalize_obs", np.bool_(False), False),
+        ("surrogate", np.str_("softsign"), "softsign"),
+        ("critic_hidden", (np.int64(8), 4.0), (8, 4)),
+    ],
+)
+def test_numpys_scalars_and_whole_floats_are_numbers(name, value, plain):
+    config = Config(**{name: value})
+    kept = getattr(config, name)
+    assert kept == plain
+    assert type(kept) is type(plain)
+    assert config == Config(**{name: plain})
+    assert config.to_dict() == Config(**{name: plain}).to_dict()
+    assert Config.from_dict({name: value}) == config
 
 
 def test_hyperparameters_are_float32_and_static_forgets_them():

@@ -191,3 +191,14 @@ def test_without_scikit_learn_the_extra_is_named(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "sklearn.tree", None)
     with pytest.raises(ImportError, match=r"pip install 'sympol\[bench\]'"):
         fit_cart(np.zeros((1, 4), np.float32), np.zeros(1, int), CARTPOLE, depth=1, seed=0)
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1e-7, 1e-30])
+def test_the_unit_of_a_feature_does_not_matter(unit: float):
+    x = RNG.uniform(-1, 1, (500, 3)).astype(np.float32)
+    tiny = x * np.array([1, unit, 1], np.float32)
+    y = (x[:, 1] > 0.2).astype(int)
+    tree = fit_cart(tiny, y, chain(EYES, Discrete(2)), depth=2, seed=0)
+    np.testing.assert_array_equal(tree.predict(tiny), y)
+    assert tree.feature[0] == 1
+    np.testing.assert_allclose(tree.threshold[0] / np.float32(unit), 0.2, atol=0.02)

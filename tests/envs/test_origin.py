@@ -13,7 +13,7 @@ from gymnasium import wrappers
 
 import sympol
 from sympol.algos.presets import preset
-from sympol.envs.equality import are_equal, time_limit
+from sympol.envs.equality import are_equal, step_limit
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment, resolve
 from sympol.play import episode_seed
@@ -139,12 +139,12 @@ KEPT = {
     ),
     "step limit": (
         lambda: gymnasium.make("CartPole-v1", max_episode_steps=50),
-        lambda env: time_limit(env) == 50,
+        lambda env: step_limit(env) == 50,
     ),
-    "no step limit": (lambda: gymnasium.make("CartPole-v1").unwrapped, lambda env: time_limit(env) is None),
+    "no step limit": (lambda: gymnasium.make("CartPole-v1").unwrapped, lambda env: step_limit(env) is None),
     "outer step limit": (
         lambda: wrappers.TimeLimit(gymnasium.make("CartPole-v1"), 30),
-        lambda env: time_limit(env) == 30,
+        lambda env: step_limit(env) == 30,
     ),
     "wrapper": (
         lambda: wrappers.RescaleAction(gymnasium.make("Pendulum-v1"), np.float32([-1]), np.float32([1])),
@@ -173,7 +173,7 @@ def test_what_an_environment_was_made_with_is_kept_in_its_run(kind, given_as, tm
     again = spec.make_host()
     assert holds(again)
     assert are_equal(make(), again)
-    assert spec.max_episode_steps == time_limit(env)
+    assert spec.max_episode_steps == step_limit(env)
     assert (spec.origin.not_kept, spec.preset_id) == ("", "")
 
 

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 
 from ..functional.schedules import NUM_STAGES, num_minibatches
-from .rules import LIMITS, ConfigError, applies, check_fields
+from .rules import LIMITS, ConfigError, applies, check_fields, plain
 
 
 class Hyperparameters(NamedTuple):
@@ -200,6 +200,9 @@ class Config:
 
     def __post_init__(self) -> None:
         """Check every field; raise `ConfigError` at the first that breaks its rule."""
+        for field in dataclasses.fields(self):
+            value = plain(field.name, getattr(self, field.name), field.default)
+            object.__setattr__(self, field.name, value)
         check_fields(self)
         if self.total_timesteps < self.chunk_size:
             raise ConfigError(

@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Int, PRNGKeyArray
+from jaxtyping import Bool, Int, PRNGKeyArray
 
-from ..envs.spaces import UNBOUNDED
+from ..envs.spaces import LARGEST, UNBOUNDED
+from ..functional.spread import center_and_scale
 from ..policies.distributions import Distribution
 from ..policies.mlp import MLPActor
 from ..policies.soft_tree import SoftTree
@@ -57,14 +58,17 @@ def normalizer_of(space: Bounded, config: Config) -> tuple[Normalizer, np.ndarra
 
 
 def refit_normalizer(normalizer: Normalizer, rollout: Transition, bounded: np.ndarray) -> Normalizer:
-    """From the first chunk: features without bounds get mean 0 and standard deviation ½."""
+    """From the first chunk: features without bounds get mean 0 and standard deviation ½, if they move (`moves`)."""
     x = rollout.observation[0].reshape(-1, bounded.shape[0])
-    mean, std = jnp.mean(x, axis=0), jnp.std(x, axis=0)
-    moves = ~bounded & (std > 1e-6)
-    return Normalizer(
-        jnp.where(moves, mean, normalizer.shift),
-        jnp.where(moves, 0.5 / jnp.where(moves, std, 1), normalizer.scale),
-    )
+    moving, mean, scale = center_and_scale(x)
+    moves = ~bounded & moving
+    return Normalizer(jnp.where(moves, mean, normalizer.shift), jnp.where(moves, scale, normalizer.scale))
+
+
+def are_held(rollout: Transition) -> Bool[Array, " features"]:
+    """Whether the first chunk has no number that is not finite, or too large to be scaled, feature by feature."""
+    x = rollout.observation[0].reshape(-1, rollout.observation.shape[-1])
+    return jnp.max(jnp.abs(x), axis=0) <= LARGEST
 
 
 def init_networks(

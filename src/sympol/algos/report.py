@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax
 import numpy as np
 
-from ..envs.host import EnvironmentFailure
+from ..envs.host import EnvironmentFailure, too_large
 from .state import TrainState
 
 
-def require_finite(state: TrainState, before: int) -> None:
-    """Raise EnvironmentFailure where a training has come to NaN or infinity since timestep ``before``."""
+def require_finite(state: TrainState, before: int, names: Sequence[str]) -> None:
+    """Raise EnvironmentFailure where a training has come to NaN or infinity since timestep ``before``.
+
+    ``names`` are those of the features, some of which the environment may have made too large to be scaled.
+    """
+    unscaled = np.flatnonzero(np.isnan(np.asarray(state.normalizer.shift)))
+    if unscaled.size:
+        raise EnvironmentFailure(
+            f"in its first {int(state.timestep):,} steps the environment returned an observation that is not finite or "
+            f"too large: {too_large([names[feature] for feature in unscaled.tolist()])}"
+        )
     numbers = [*jax.tree.leaves(state.networks), state.validation.last_return]
     if not all(np.isfinite(np.asarray(leaf)).all() for leaf in numbers):
         raise EnvironmentFailure(

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
-from typing import TYPE_CHECKING
+import operator
+from typing import TYPE_CHECKING, Any, SupportsIndex
+
+import numpy as np
 
 if TYPE_CHECKING:
     from .config import Config
@@ -89,9 +93,7 @@ def applies(name: str, algorithm: str, policy: str) -> bool:
 
 
 def check_fields(config: Config) -> None:
-    """Raise ConfigError at the first field that breaks its rule."""
-    for field in dataclasses.fields(config):
-        _check_type(field.name, getattr(config, field.name), getattr(type(config), field.name))
+    """Raise ConfigError at the first field that breaks its rule. The values are `plain` already."""
     for name, low, high in RANGES:
         value = getattr(config, name)
         if not low <= value <= high:
@@ -137,20 +139,48 @@ def _check_unused(config: Config, name: str) -> None:
         raise ConfigError(f"{name} belongs to {' and '.join(owners)}; {mine} has none, so leave it out")
 
 
-def _check_type(name: str, value: object, default: object) -> None:
-    """A field has the type of its default; a whole number will do for a float, a bool for nothing else."""
+def plain(name: str, value: object, default: object) -> Any:
+    """The value of a field as one of Python's own types, that of its default; a whole number will do for a float.
+
+    NumPy's scalars are numbers, too, and 1e6 is a whole number. A bool will do for nothing else.
+
+    Raises:
+        ConfigError: a value of another type.
+    """
     match default:
         case bool():
-            good, kind = isinstance(value, bool), "true or false"
+            taken, kind = bool(value) if _is_bool(value) else None, "true or false"
         case int():
-            good, kind = isinstance(value, int) and not isinstance(value, bool), "a whole number"
+            taken, kind = whole(value), "a whole number"
         case float():
-            whole = isinstance(value, int) and not isinstance(value, bool)
-            good, kind = whole or (isinstance(value, float) and not math.isnan(value)), "a number"
+            taken, kind = _number(value), "a number"
         case tuple():
-            good = isinstance(value, tuple) and all(type(v) is int for v in value)
-            kind = "a list of whole numbers"
+            widths = tuple(whole(v) for v in value) if isinstance(value, tuple) else (None,)
+            taken, kind = None if None in widths else widths, "a list of whole numbers"
         case _:
-            good, kind = isinstance(value, str), "a word"
-    if not good:
+            taken, kind = str(value) if isinstance(value, str) else None, "a word"
+    if taken is None:
         raise ConfigError(f"{name} must be {kind}, got {value!r}")
+    return taken
+
+
+def whole(value: object) -> int | None:
+    """A whole number as an int, be it 3, ``np.int64(3)`` or 1e6; None of anything else, bools among it."""
+    if _is_bool(value):
+        return None
+    if isinstance(value, SupportsIndex):
+        with contextlib.suppress(TypeError):  # an array that holds no single whole number
+            return operator.index(value)
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        return int(value)
+    return None
+
+
+def _number(value: object) -> float | None:
+    if isinstance(value, float | np.floating):
+        return None if math.isnan(value) else float(value)
+    return whole(value)
+
+
+def _is_bool(value: object) -> bool:
+    return isinstance(value, bool | np.bool_) or getattr(value, "dtype", None) == np.bool_

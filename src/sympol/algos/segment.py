@@ -25,7 +25,7 @@ from .bounds import watch_bounds
 from .collect import collect, empty_rollout, reset_envs
 from .config import Config, Hyperparameters
 from .held import warming_up
-from .init import init_state, normalizer_of, purpose_key, refit_normalizer
+from .init import are_held, init_state, normalizer_of, purpose_key, refit_normalizer
 from .settle import settle, spread
 from .sharding import divide_envs
 from .start import plant
@@ -81,7 +81,9 @@ def make_segment(
         rollout = empty_rollout(env.observation_space.shape[0], distribution, config)
         rollout = jax.tree.map(lambda a: divide_envs(a, 2, mesh), rollout)
         state, _ = jax.lax.while_loop(
-            lambda carry: carry[0].timestep < stop, lambda carry: iteration(hyper, *carry), (state, rollout)
+            lambda carry: (carry[0].timestep < stop) & carry[0].normalizer.is_there(),
+            lambda carry: iteration(hyper, *carry),
+            (state, rollout),
         )
         actor = state.networks.actor
         key, policy = purpose_key(seed, "validation"), actor.rollout()
@@ -109,11 +111,14 @@ def improve(
         return LEARN[config.algorithm](config, distribution, hyper, state, rollout, next_x, k, key)
 
     def warm_up(state: TrainState) -> TrainState:
+        held = are_held(rollout)
         if state.warm is not None:
-            return settle(scaling, state, rollout, key)
-        if spreads:
-            return spread(scaling, state, rollout, key)
-        return state._replace(normalizer=refit_normalizer(state.normalizer, rollout, scaling[1]))
+            state = settle(scaling, state, rollout, key)
+        elif spreads:
+            state = spread(scaling, state, rollout, key)
+        else:
+            state = state._replace(normalizer=refit_normalizer(state.normalizer, rollout, scaling[1]))
+        return state._replace(normalizer=state.normalizer.or_none(held))
 
     spreads = config.threshold_init == "visited"
     goes_without = scaling[1].all() and state.warm is None and not spreads

@@ -24,7 +24,7 @@ from ..types import Transition
 from .init import refit_normalizer
 from .state import Normalizer, TrainState
 
-LARGEST_EXPONENT = 60
+LARGEST_EXPONENT = 126
 """Of a scale: a feature whose spread is beyond that keeps some of it."""
 
 _SMALLEST_NORMAL = float(np.finfo(np.float32).smallest_normal)

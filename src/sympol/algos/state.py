@@ -28,6 +28,14 @@ class Normalizer(NamedTuple):
         shape = (1,) * (x.ndim - 1) + self.shift.shape
         return (x - self.shift.reshape(shape)) * self.scale.reshape(shape)
 
+    def or_none(self, held: Bool[Array, " features"]) -> Normalizer:
+        """Itself, with NaN for the features that cannot be scaled: a compiled program has no other way to say it."""
+        return self._replace(shift=jnp.where(held, self.shift, jnp.nan))
+
+    def is_there(self) -> Bool[Array, ""]:
+        """Whether all features can be scaled."""
+        return ~jnp.isnan(self.shift).any()
+
 
 class Episodes(NamedTuple):
     """Returns of the running episodes, and sums over those that ended since the last report."""

@@ -13,6 +13,7 @@ from dataclasses import field, make_dataclass
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from ..algos.config import Config
 from ..algos.presets import preset
@@ -21,13 +22,38 @@ from .sources import tree_from
 
 Given = TypeVar("Given")
 
+_NUMBERS = ConstructorRegistry()
+
+
+@_NUMBERS.primitive_rule
+def _whole_numbers(kind: PrimitiveTypeInfo) -> PrimitiveConstructorSpec | None:
+    """Read 1e6 where a whole number is asked for, too."""
+    if kind.type is not int:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT",
+        instance_from_str=lambda words: _whole(words[0]),
+        is_instance=lambda value: isinstance(value, int) and not isinstance(value, bool),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+def _whole(word: str) -> int:
+    with contextlib.suppress(ValueError):
+        return int(word)
+    with contextlib.suppress(ValueError, OverflowError):
+        if (number := float(word)) == int(number):
+            return int(number)
+    raise ValueError(f"must be a whole number, got {word!r}")
+
 
 def parse(kind: type[Given], command: str, arguments: Sequence[str], default: Given | None = None) -> Given:
     """Arguments as ``kind``; what is wrong with them in one line."""
     options: dict[str, Any] = {} if default is None else {"default": default}
     said = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with _NUMBERS, contextlib.redirect_stderr(said):
             parsed, unknown = tyro.cli(
                 kind,
                 args=list(arguments),

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 
+LITTLE = 2.0**-10
+"""A feature that spreads by less is scaled for scikit-learn."""
+
+
 def fit_cart(
     x: Float32[np.ndarray, "samples features"],
     actions: np.ndarray,
@@ -50,8 +54,22 @@ def fit_cart(
     kind = DecisionTreeRegressor if isinstance(spec.actions, BoxActions) else DecisionTreeClassifier
     targets = actions if actions.ndim == 1 else actions.reshape(len(actions), -1)
     leaves = None if max_nodes is None else (max_nodes + 1) // 2
-    estimator = kind(max_depth=depth, max_leaf_nodes=leaves, random_state=seed).fit(x, targets)
-    return _within_seen_bounds(from_sklearn(estimator, spec), spec, x)
+    unit = _units(x)
+    estimator = kind(max_depth=depth, max_leaf_nodes=leaves, random_state=seed).fit(x / unit, targets)
+    tree = from_sklearn(estimator, spec)
+    # a threshold times a power of two is exact, or else becomes zero, and so does what it would be compared with
+    in_units = np.where(tree.is_leaf, 1, unit[np.where(tree.is_leaf, 0, tree.feature)])
+    return _within_seen_bounds(replace(tree, threshold=tree.threshold * in_units), spec, x)
+
+
+def _units(x: Float32[np.ndarray, "samples features"]) -> Float32[np.ndarray, " features"]:
+    """A power of two for each feature in which it spreads by about one: where it spreads by little, else 1.
+
+    To scikit-learn, numbers less than 1e-7 apart are the same, whatever their unit.
+    """
+    spread = x.max(axis=0).astype(np.float64) - x.min(axis=0)
+    little = (spread > 0) & (spread < LITTLE)
+    return np.where(little, 2.0 ** np.floor(np.log2(np.where(little, spread, 1))), 1).astype(np.float32)
 
 
 def from_sklearn(estimator: DecisionTreeClassifier | DecisionTreeRegressor, spec: EnvSpec) -> DecisionTree:

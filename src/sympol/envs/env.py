@@ -25,14 +25,17 @@ State = TypeVar("State", bound=Any)
 class Env(Protocol[State]):
     """A pure-JAX environment; any object of this shape can be trained on.
 
+    Where it is resolved, `sympol.envs.jax_env` makes these fit, too: rewards and observations of another dtype,
+    Python's own numbers and bools, and keys of `jax.random` in the state.
+
     The observation is a flat float32 vector, one number per feature. The action is an int32 scalar in
     ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, and for ``Box`` a float32 array of
     the space's shape, already clipped to its bounds.
 
     More attributes are read where an environment has them: ``feature_names`` and ``action_names`` (sequences of
     str, one per feature and per action or action component), ``groups`` (the features that are one-hot together),
-    ``max_episode_steps`` (int), and ``all_observations()``: all observations there can be ``[batch, features]``,
-    where they can be listed, else None; then the tree is pruned on them.
+    ``max_episode_steps`` (int, or None for no limit), and ``all_observations()``: all observations there can be
+    ``[batch, features]``, where they can be listed, else None; then the tree is pruned on them.
     """
 
     @property

@@ -40,7 +40,7 @@ def are_equal(a: Any, b: Any) -> bool:
         return False
 
 
-def time_limit(env: gymnasium.Env) -> int | None:
+def step_limit(env: gymnasium.Env) -> int | None:
     """Return the smallest number of steps to which a `TimeLimit` wrapper of the environment cuts episodes."""
     limits = [layer._max_episode_steps for layer in _layers(env) if isinstance(layer, TimeLimit)]
     return min(limits, default=None)
@@ -114,7 +114,7 @@ class _Comparison:
         return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")
 
     def _equal_envs(self, a: gymnasium.Env, b: gymnasium.Env) -> bool:
-        if time_limit(a) != time_limit(b):
+        if step_limit(a) != step_limit(b):
             return False
         ours, theirs = (
             [e for e in _layers(env) if type(e) not in (TimeLimit, *WITHOUT_EFFECT)] for env in (a, b)

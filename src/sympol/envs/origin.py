@@ -15,7 +15,7 @@ import gymnasium
 from gymnasium.envs.registration import WrapperSpec
 
 from .arguments import CannotKeep, from_plain, to_plain
-from .equality import WITHOUT_EFFECT, are_equal, time_limit
+from .equality import WITHOUT_EFFECT, are_equal, step_limit
 
 KEPT_WRAPPERS = (
     "ClipAction",
@@ -130,7 +130,7 @@ def describe(
         if name != "render_mode"
         and not (name in registered.kwargs and are_equal(value, registered.kwargs[name]))
     }
-    if (limit := time_limit(env)) != registered.max_episode_steps:
+    if (limit := step_limit(env)) != registered.max_episode_steps:
         kwargs["max_episode_steps"] = -1 if limit is None else limit
     kept = Origin.of_arguments(kwargs)
     if kept.not_kept:

@@ -18,14 +18,15 @@ from . import minigrid
 from .acrobot import Acrobot
 from .cartpole import CartPole
 from .env import Env
-from .equality import time_limit
+from .equality import step_limit
 from .host import EnvironmentFailure, MissingExtra
+from .jax_env import kept_to_protocol, time_limit
 from .mountain_car import MountainCar, MountainCarContinuous
 from .names import known_names
 from .native import has_task
 from .origin import Origin, Wrapping, copier, describe, wrap
 from .pendulum import Pendulum
-from .spaces import Features, action_spec
+from .spaces import Features, action_spec, require_spaces
 from .spec import Backend, EnvSpec, HostFactory, no_copies, not_listed
 
 Factory: TypeAlias = Callable[..., gymnasium.Env] | Callable[..., Env]
@@ -165,7 +166,7 @@ def resolve(
 
     return EnvSpec(
         name=name,
-        env=jax_env if in_jax else None,
+        env=kept_to_protocol(jax_env) if jax_env is not None and in_jax else None,
         make_host=make_host,
         observation_space=example.observation_space,
         action_space=example.action_space,
@@ -207,6 +208,8 @@ def _open(env: Any, kwargs: dict[str, Any]) -> _Source:
         if not kwargs:
             raise
         raise ValueError(f"env_kwargs {kwargs} do not fit this environment: {error}") from error
+    if isinstance(example, gymnasium.Env) or (hasattr(example, "reset") and hasattr(example, "step")):
+        require_spaces(example)
     if isinstance(example, gymnasium.Env):
         if not is_factory:
             # both may have to make another one: only where somebody asks
@@ -350,6 +353,6 @@ def _name(env: gymnasium.Env | Env) -> str:
 
 def _max_episode_steps(env: gymnasium.Env | Env) -> int | None:
     if isinstance(env, gymnasium.Env):
-        limit = time_limit(env)
+        limit = step_limit(env)
         return limit if limit is not None or env.spec is None else env.spec.max_episode_steps
-    return getattr(env, "max_episode_steps", None)
+    return time_limit(env)

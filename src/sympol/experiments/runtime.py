@@ -59,7 +59,7 @@ def take_turns(agents: Sequence[Agent], runs: Sequence[Run]) -> None:
                 began = time.perf_counter()
                 state = jax.block_until_ready(trainers[i].advance(agent.state, stop))
                 elapsed[i] += time.perf_counter() - began
-                require_finite(state, agent.num_timesteps)
+                require_finite(state, agent.num_timesteps, agent.spec.features.names)
                 agent.state = state
                 _keep(agent, runs[i], elapsed[i])
     finally:

@@ -11,8 +11,10 @@ from gymnasium.spaces.utils import flatdim
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # pyright: ignore[reportMissingImports]
 from torch import Tensor  # pyright: ignore[reportMissingImports]
 
-from ..envs.spaces import Features
+from ..envs.host import advance, begin, too_large
+from ..envs.spaces import LARGEST, Features
 from ..functional.float32_order import UNDERFLOW
+from ..functional.spread import LARGEST_SCALE, moves
 from .torch_tree import flush
 
 
@@ -56,23 +58,29 @@ def warm_up(env: str | gymnasium.Env, num_steps: int = 2048, *, seed: int = 0) -
     observations are. An environment that is given as an object is reset, and left in the middle of an episode.
 
     Raises:
-        ValueError: no steps, or a space that a tree cannot have.
+        ValueError: no steps, a space that a tree cannot have, or an observation too large to be scaled.
     """
     if num_steps < 1:
         raise ValueError(f"num_steps must be at least 1, got {num_steps}")
     made = gymnasium.make(env) if isinstance(env, str) else env
     features = Features.of(made.observation_space)
     made.action_space.seed(seed)
-    observation, _ = made.reset(seed=seed)
+    observation = begin(made, seed=seed)
     seen = [observation]
     for _ in range(num_steps):
-        observation, _, terminated, truncated, _ = made.step(made.action_space.sample())
+        observation, _, terminated, truncated = advance(made, made.action_space.sample())
         if terminated or truncated:
-            observation, _ = made.reset()
+            observation = begin(made)
         seen.append(observation)
     if isinstance(env, str):
         made.close()
-    return scaling(features, features.flatten_each(seen))
+    flat = features.flatten_each(seen)
+    beyond = [
+        name for name, x in zip(features.names, flat.T, strict=True) if not (np.abs(x) <= LARGEST).all()
+    ]
+    if beyond:
+        raise ValueError(too_large(beyond))
+    return scaling(features, flat)
 
 
 def scaling(features: Features, seen: np.ndarray) -> dict[str, list[float]]:
@@ -80,8 +88,10 @@ def scaling(features: Features, seen: np.ndarray) -> dict[str, list[float]]:
     with np.errstate(invalid="ignore"):
         middle, half = (features.low + features.high) / 2, (features.high - features.low) / 2
     bounded = np.isfinite(half) & (half > 0)
-    mean, std = seen.astype(np.float64).mean(axis=0), seen.astype(np.float64).std(axis=0)
-    moved = std > 1e-6
+    seen = seen.astype(np.float64)
+    mean, std = seen.mean(axis=0), seen.std(axis=0)
+    moved = moves(seen.min(axis=0), seen.max(axis=0))
     shift = np.where(moved, mean, np.where(bounded, middle, 0))
     scale = np.where(moved, 0.5 / np.where(moved, std, 1), 1 / np.where(bounded, half, 1))
+    scale = np.minimum(scale, LARGEST_SCALE)
     return {"shift": shift.astype(np.float32).tolist(), "scale": scale.astype(np.float32).tolist()}

@@ -15,6 +15,7 @@ from jaxtyping import Float32, Int
 from numpy import ndarray
 
 from ..envs.env import MAX_EPISODE_STEPS
+from ..envs.host import advance, begin
 from ..envs.spec import EnvSpec
 from ..play import episode_seed
 from ..trees import DecisionTree
@@ -57,7 +58,7 @@ class HostArena(Arena):
         while True:
             for job in islice(waiting, self._at_once - len(running)):
                 running[job] = env = self._copy()
-                last[job] = env.reset(seed=seeds[job])[0]
+                last[job] = begin(env, seed=seeds[job])
             if not running:
                 break
             jobs = np.array([*running])
@@ -66,8 +67,8 @@ class HostArena(Arena):
                 seen.append((jobs, x))
             tree = jobs // len(episodes)
             for job, action in zip(jobs.tolist(), does[tree, packed.apply(tree, x)], strict=True):
-                last[job], reward, terminated, truncated, _ = running[job].step(action)
-                returns[job] += float(reward)
+                last[job], reward, terminated, truncated = advance(running[job], action)
+                returns[job] += reward
                 lengths[job] += 1
                 if terminated or truncated or lengths[job] >= self._limit:
                     self._idle.append(running.pop(job))

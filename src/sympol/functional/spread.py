@@ -1,0 +1,51 @@
+"""Which features of an observation move, judged in their own unit: a spread is large or small beside the values only.
+
+Everything that scales features asks here: training, warm starts, stable-baselines3's policy.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float
+
+RESOLUTION = 2.0**-22
+"""Of float32, with a little to spare: where the range of values is a smaller part of them, it is rounding."""
+
+LARGEST_SCALE = 2.0**126
+"""A spread may be so small that its inverse is no float32."""
+
+_FAR = 256.0
+"""A mean so many ranges away from zero is a sum in which the range is lost."""
+
+
+def moves(low: Any, high: Any) -> Any:
+    """Whether a feature that was seen from ``low`` to ``high`` is one that moves; NumPy's arrays or JAX's."""
+    spread = high - low
+    return (spread > RESOLUTION * abs(low)) & (spread > RESOLUTION * abs(high))
+
+
+def center_and_scale(
+    x: Float[Array, "batch features"],
+) -> tuple[Bool[Array, " features"], Float[Array, " features"], Float[Array, " features"]]:
+    """Which features move, the mean of each, and half the inverse of its standard deviation.
+
+    Features of an unusual unit, or far from zero, are brought near one first, because in float32 their squares would
+    vanish or overflow, and their sum would lose what they differ in.
+    """
+    low, high = jnp.min(x, axis=0), jnp.max(x, axis=0)
+    moving = moves(low, high)
+    mean, std = jnp.mean(x, axis=0), jnp.std(x, axis=0)
+    size, spread = jnp.maximum(jnp.abs(low), jnp.abs(high)), jnp.where(moving, high - low, 1)
+    as_they_are = (std > 1e-6) & (size < 1e15) & (size < _FAR * spread)
+    near_one = (x - x[:1]) / spread[None]
+    mean = jnp.where(as_they_are, mean, x[0] + jnp.mean(near_one, axis=0) * spread)
+    scale = jnp.where(
+        as_they_are,
+        0.5 / jnp.where(as_they_are, std, 1),
+        jnp.minimum(0.5 / jnp.std(near_one, axis=0) / spread, np.float32(LARGEST_SCALE)),
+    )
+    return moving, mean, scale
