@@ -45,11 +45,17 @@ class HostEnvs:
         """Make the copies. ``features`` describes the observation space of each."""
         makers = [_Maker(make, index, features) for index in range(num_envs)]
         self._envs = SyncVectorEnv(makers, copy=False, autoreset_mode=AutoresetMode.SAME_STEP)
+        self._copies: Any = self._envs.envs
 
     @property
     def num_envs(self) -> int:
         """Number of copies, E."""
         return self._envs.num_envs
+
+    @property
+    def was_cut(self) -> bool:
+        """Whether `step` has cut an episode at its ``max_steps`` since `reset`."""
+        return any(copy.was_cut for copy in self._copies)
 
     def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
         """Start an episode in every copy.
@@ -60,14 +66,21 @@ class HostEnvs:
         seeds: list[int | None] = [
             word & ~1 for word in np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()
         ]
+        for copy in self._copies:
+            copy.was_cut = False
         observation, _ = self._envs.reset(seed=seeds)
         require_finite("an observation", observation)
         return observation.copy()
 
     def step(
-        self, actions: Shaped[ndarray, "envs ..."], wanted: Bool[ndarray, " envs"] | None = None
+        self,
+        actions: Shaped[ndarray, "envs ..."],
+        wanted: Bool[ndarray, " envs"] | None = None,
+        max_steps: int | None = None,
     ) -> tuple[Step, Float32[ndarray, "envs features"]]:
-        """Take one step in every copy. Copies that are not ``wanted`` need not step; their rows mean nothing.
+        """Take one step in every copy, or in those ``wanted``; the rows of the others mean nothing.
+
+        An episode that has come to ``max_steps`` steps and does not end by itself is truncated.
 
         The actions are the policy's: int32 ``[E]`` or ``[E, k]`` counted from zero, or float32 ``[E, A]`` or
         ``[E, *shape]`` within the bounds. Returns the step, with the true last observation of every episode
@@ -76,6 +89,8 @@ class HostEnvs:
         Raises EnvironmentFailure if a copy raises, or returns NaN or infinity.
         """
         actions = native_actions(self._envs.single_action_space, actions)
+        for index, copy in enumerate(self._copies):
+            copy.max_steps, copy.rests = max_steps, wanted is not None and not wanted[index]
         observation, reward, terminated, truncated, info = self._envs.step(actions)
         next_observation = observation.copy()
         last_observation = observation.copy()
@@ -104,26 +119,39 @@ class _Maker:
 
 
 class _FlatEnv(gymnasium.Wrapper):
-    """Flattens the observation, into a new array: an environment may reuse its own at the next reset."""
+    """Flattens the observation, into a new array: an environment may reuse its own at the next reset.
+
+    It truncates an episode after ``max_steps`` steps, and while it ``rests`` a step does nothing.
+    """
 
     def __init__(self, env: gymnasium.Env, index: int, features: Features):
         super().__init__(env)
         self.index, self.features = index, features
         self.observation_space = Box(features.low, features.high, dtype=np.float32)
+        self.max_steps: int | None = None
+        self.was_cut, self.rests = False, False
+        self._steps, self._last = 0, np.zeros(0, np.float32)
 
     def reset(self, **options: Any) -> tuple[Float32[ndarray, " features"], dict[str, Any]]:
         try:
             observation, info = self.env.reset(**options)
-            return self._flatten(observation), info
+            self._steps, self._last = 0, self._flatten(observation)
+            return self._last, info
         except Exception as error:
             raise self._failure("reset()", error) from error
 
     def step(
         self, action: Any
     ) -> tuple[Float32[ndarray, " features"], SupportsFloat, bool, bool, dict[str, Any]]:
+        if self.rests:
+            return self._last, 0.0, False, False, {}
         try:
             observation, reward, terminated, truncated, info = self.env.step(action)
-            return self._flatten(observation), float(reward), bool(terminated), bool(truncated), info
+            self._steps, self._last = self._steps + 1, self._flatten(observation)
+            if self.max_steps is not None and self._steps >= self.max_steps:
+                self.was_cut = self.was_cut or not (terminated or truncated)
+                truncated = truncated or not terminated
+            return self._last, float(reward), bool(terminated), bool(truncated), info
         except Exception as error:
             raise self._failure(f"step({action!r})", error) from error
 

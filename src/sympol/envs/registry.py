@@ -17,6 +17,7 @@ from ..trees.groups import Group
 from . import minigrid
 from .acrobot import Acrobot
 from .cartpole import CartPole
+from .doubts import warn_of_environment
 from .env import Env
 from .host import MissingExtra
 from .mountain_car import MountainCar, MountainCarContinuous
@@ -154,7 +155,7 @@ def resolve(
         offers = (given, getattr(entry, what), getattr(example, what, None), known.get(what))
         return next((offer for offer in offers if offer is not None), None)
 
-    return EnvSpec(
+    spec = EnvSpec(
         name=name,
         env=jax_env if in_jax else None,
         make_host=make_host,
@@ -173,6 +174,8 @@ def resolve(
         is_native=is_native,
         all_observations=getattr(jax_env, "all_observations", not_listed),
     )
+    warn_of_environment(example, name, len(spec.features.names))
+    return spec
 
 
 class _Source(NamedTuple):

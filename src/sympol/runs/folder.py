@@ -177,7 +177,8 @@ class Run:
                 f"{self.path} was trained on {self.about['env']!r}, which is not known here; register it with "
                 "sympol.register, or give the environment itself: sympol.load(path, env=...)"
             ) from error
-        return replace(spec, is_native=True) if without_numba else spec
+        spec = replace(spec, is_native=True) if without_numba else spec
+        return spec.trained_with(self.config.num_envs)
 
     def save_checkpoint(self, state: TrainState) -> None:
         """Write the state of the training."""
