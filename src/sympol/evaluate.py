@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from .envs.copies import open_copies
 from .envs.doubts import warn_of_cut, warn_of_same_episodes
+from .envs.host import advance, begin
 from .envs.registry import resolve
 from .envs.spec import EnvSpec
 from .play import (
@@ -165,12 +166,12 @@ def _play_one_by_one(
     ends: list[Any] = []
     with open_copies(spec, 1) as (env,):
         for i in range(num_episodes):
-            observation, _ = env.reset(seed=episode_seed(seed, i))
+            observation = begin(env, seed=episode_seed(seed, i))
             first, ended = deepcopy(observation), False
             while not (ended or lengths[i] >= limit):
                 action, _ = model.predict(observation, deterministic=deterministic)
-                observation, reward, terminated, truncated, _ = env.step(action)
-                returns[i] += float(reward)
+                observation, reward, terminated, truncated = advance(env, action)
+                returns[i] += reward
                 lengths[i] += 1
                 ended = terminated or truncated
             were_cut = were_cut or not ended

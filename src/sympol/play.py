@@ -13,6 +13,7 @@ import numpy as np
 from .envs.copies import open_copies
 from .envs.doubts import warn_of_cut, warn_of_same_episodes
 from .envs.env import MAX_EPISODE_STEPS
+from .envs.host import advance, begin
 from .envs.spec import EnvSpec
 from .trees import DecisionTree
 from .trees.actions import ActionSpec, BoxActions
@@ -131,7 +132,7 @@ def play_side_by_side(
     while True:
         for episode in islice(waiting, len(free)):
             running[episode] = env = free.popleft()
-            last[episode] = env.reset(seed=seeds[episode])[0]
+            last[episode] = begin(env, seed=seeds[episode])
         if not running:
             break
         episodes = np.array([*running])
@@ -139,8 +140,8 @@ def play_side_by_side(
         if watch:
             seen.append((episodes, x))
         for episode, action in zip(episodes.tolist(), act(episodes, x), strict=True):
-            last[episode], reward, terminated, truncated, _ = running[episode].step(action)
-            returns[episode] += float(reward)
+            last[episode], reward, terminated, truncated = advance(running[episode], action)
+            returns[episode] += reward
             lengths[episode] += 1
             ended = terminated or truncated
             if ended or lengths[episode] >= limit:

@@ -55,6 +55,8 @@ class SymbolicPolicy:
             ValueError, TypeError: the observation is not of the environment's space, or not what the tree takes.
         """
         x = np.asarray(observation) if self._spaces is None else self._spaces[0].flatten(observation)
+        if x.shape == (0,):  # an empty list
+            x = x.reshape(0, self.tree.n_features)
         rows = x.reshape(-1, x.shape[-1]) if x.ndim else x
         actions = self.tree.predict(rows) if deterministic else sample_actions(self.tree, rows, self._rng)
         actions = actions.reshape((*x.shape[:-1], *actions.shape[1:]))[()]

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import gymnasium
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
+from gymnasium.wrappers import TimeLimit
 
 from sympol.envs.cartpole import CartPole, CartPoleState
 from sympol.envs.host import EnvironmentFailure, HostEnvs
@@ -118,7 +120,7 @@ class Echo(gymnasium.Env):
         return {"a": np.float32(0), "b": 1}, {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        if self.reward == "raise":
+        if isinstance(self.reward, str):
             raise ZeroDivisionError("by the environment")
         self.action = action
         return {"a": self.observation, "b": 1}, self.reward, False, False, {}
@@ -148,7 +150,14 @@ def test_every_action_is_one_of_the_spaces(space: Any, actions: Any) -> None:
         (1e39, 0.0, "environment 1 returned an observation that is not finite in float32: [inf  0.  1.]"),
         (0.0, np.nan, "environment 1 returned a reward that is not finite in float32: nan"),
         (0.0, -np.inf, "environment 1 returned a reward that is not finite in float32: -inf"),
-        (0.0, None, "environment 1 failed in step(np.int64(0)): TypeError"),
+        (
+            0.0,
+            None,
+            "environment 1 failed in step(np.int64(0)): TypeError: reward must be a number, got NoneType None",
+        ),
+        (0.0, np.zeros(2), "TypeError: reward must be a number, got float64 array of shape (2,)"),
+        (0.0, [[1.0], [2.0, 3.0]], "TypeError: reward must be a number, got list"),
+        (0.0, 1j, "TypeError: reward must be a number, got complex 1j"),
         (0.0, "raise", "environment 1 failed in step(np.int64(0)): ZeroDivisionError: by the environment"),
         ("?", 0.0, "environment 1 failed in step(np.int64(0)): ValueError: observation['a'] must be"),
         (np.zeros(2), 0.0, "environment 1 failed in step(np.int64(0)): ValueError: all parts"),
@@ -165,6 +174,127 @@ def test_failures_name_the_environment_and_what_was_seen(observation: Any, rewar
     with pytest.raises(EnvironmentFailure) as error:
         envs.step(np.zeros(3, np.int32))
     assert says in str(error.value)
+
+
+class Slip(gymnasium.Env):
+    """Observes the step it is at; every third one ends the episode. What it answers besides, it is told."""
+
+    observation_space = Box(0, 3, (1,))
+    action_space = Discrete(2)
+
+    def __init__(self, index: int = 0, **answers: Any) -> None:
+        self.index, self.answers, self.time = index, answers, 0
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        self.time = 0
+        answer = np.zeros(1, np.float32), self.info()
+        return self.answers["begins"](*answer) if "begins" in self.answers else answer
+
+    def step(self, action: Any) -> Any:
+        self.time += 1
+        flags = self.answers.get("flag", bool)
+        answer = (
+            np.float32([self.time]),
+            self.answers.get("reward", 1.0),
+            flags(self.time == 3),
+            flags(False),
+            self.info(),
+        )
+        return self.answers["goes_on"](*answer) if "goes_on" in self.answers else answer
+
+    def info(self) -> Any:
+        return self.answers["info"](self) if "info" in self.answers else {}
+
+
+INFOS: dict[str, Any] = {
+    "None": lambda env: None,
+    "no dict": lambda env: 3,
+    "shapes": lambda env: {"moves": np.arange(1 + env.index + env.time)},
+    "types": lambda env: {"winner": None if env.time % 2 else 1, "path": "a" if env.index else 0.5},
+    "keys": lambda env: {f"k{env.index}": 1, 7: 2},
+    "nested": lambda env: {"a": {"b": None} if env.index else 1},
+    "its own final_obs": lambda env: {"final_obs": np.zeros(env.time), "_final_obs": "?", "final_info": None},
+}
+
+
+@pytest.mark.parametrize("info", INFOS.values(), ids=INFOS)
+def test_nothing_in_an_info_matters(info: Any) -> None:
+    copies = iter(range(3))
+    envs = HostEnvs(lambda: Slip(next(copies), info=info), 3, Features.of(Slip.observation_space))
+    envs.reset(seed=0)
+    for time in (1, 2, 3, 1, 2, 3):
+        step, observation = envs.step(np.zeros(3, np.int32))
+        assert (step.observation == time).all()
+        assert (observation == time % 3).all()
+        assert (step.terminated == (time == 3)).all()
+
+
+@pytest.mark.parametrize(
+    "reward",
+    [np.array([2.5]), np.array([[2.5]]), np.array(2.5), [2.5], np.float16(2.5), Fraction(5, 2)],
+    ids=str,
+)
+@pytest.mark.parametrize("flag", [bool, int, np.bool_, lambda done: np.array([done])])
+def test_one_number_is_a_reward_and_a_flag_whatever_holds_it(reward: Any, flag: Any) -> None:
+    envs = HostEnvs(lambda: Slip(reward=reward, flag=flag), 2, Features.of(Slip.observation_space))
+    envs.reset(seed=0)
+    for time in (1, 2, 3):
+        step, _ = envs.step(np.zeros(2, np.int32))
+        assert (step.reward == np.float32(2.5)).all()
+        assert (step.terminated == (time == 3)).all()
+        assert not step.truncated.any()
+
+
+OLD_GYM: dict[str, Any] = {
+    "observation alone": (
+        {"begins": lambda o, i: o},
+        "reset() must return (observation, info), got float32 array",
+    ),
+    "a list": ({"begins": lambda o, i: [o, i]}, "reset() must return (observation, info), got list"),
+    "four": (
+        {"goes_on": lambda o, r, t, u, i: (o, r, t, i)},
+        "got 4 values; the older Gym interface has one flag, done",
+    ),
+    "none": (
+        {"goes_on": lambda *_: None},
+        "(observation, reward, terminated, truncated, info), got NoneType None",
+    ),
+    "flag": ({"flag": lambda done: None}, "terminated must be true or false, got NoneType None"),
+}
+
+
+@pytest.mark.parametrize(("answers", "says"), OLD_GYM.values(), ids=OLD_GYM)
+def test_the_older_interface_is_named(answers: Any, says: str) -> None:
+    envs = HostEnvs(lambda: Slip(**answers), 2, Features.of(Slip.observation_space))
+
+    def play() -> None:
+        envs.reset(seed=0)
+        envs.step(np.zeros(2, np.int32))
+
+    with pytest.raises(EnvironmentFailure) as error:
+        play()
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_older_interface_inside_a_wrapper_is_named() -> None:
+    answers = {"goes_on": lambda o, r, t, u, i: (o, r, t, i)}
+    envs = HostEnvs(lambda: TimeLimit(Slip(**answers), 5), 2, Features.of(Slip.observation_space))
+    envs.reset(seed=0)
+    with pytest.raises(EnvironmentFailure, match="older Gym interface"):
+        envs.step(np.zeros(2, np.int32))
+
+
+def test_a_missing_space_is_named() -> None:
+    for missing in ("observation_space", "action_space"):
+        spaces: dict[str, Any] = {"observation_space": Box(0, 1, (1,)), "action_space": Discrete(2)}
+        for base in (gymnasium.Env, object):
+            del_one = {name: space for name, space in spaces.items() if name != missing}
+            env = type("Half", (base,), {**del_one, "reset": Slip.reset, "step": Slip.step})
+            with pytest.raises(ValueError, match=f"Half has no {missing}: set it"):
+                resolve(env)
+            with pytest.raises(ValueError, match=f"the {missing} of Half must be a space"):
+                resolve(type("Half", (env,), {missing: (3,)})())
 
 
 def test_a_twin_through_the_host_steps_like_the_one_in_jax() -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from decimal import Decimal
+from fractions import Fraction
 from typing import Any
 
 import gymnasium
@@ -166,7 +168,11 @@ NESTED = Dict({"position": Box(-1, 1, (2,)), "gear": Discrete(3)})
             np.array([0, 0]),
             "observation[1] must be a category from 1 to 3",
         ),
-        (MultiBinary(2), np.array([0.0, 1.0]), "integers"),
+        (MultiBinary(2), np.array([0.5, 1.0]), "integers"),
+        (MultiBinary(2), "01", "integers"),
+        (Box(0, 1, ()), None, "real numbers"),
+        (Box(0, 1, (2,)), [None, 0.5], "real numbers"),
+        (Dict({1: Discrete(2), "a": Discrete(2)}), {2: 0, "b": 1}, "with the keys [1, 'a'], got [2, 'b']"),
         (NESTED, np.zeros(2), "must be a dict with the keys ['gear', 'position'], got float64 array"),
         (NESTED, {"gear": 1}, "must be a dict with the keys ['gear', 'position'], got ['gear']"),
         (NESTED, {"gear": 1, "position": np.zeros(3)}, "observation['position'] must be"),
@@ -175,7 +181,14 @@ NESTED = Dict({"position": Box(-1, 1, (2,)), "gear": Discrete(3)})
             {"gear": np.array([1, 2]), "position": np.zeros(2)},
             "same leading batch axes, got (2,) and ()",
         ),
-        (Tuple((Discrete(2),)), [1], "must be a tuple of 1 parts, got list [1]"),
+        (Tuple((Discrete(2),)), [1, 0], "must be a tuple of 1 parts, got list [1, 0]"),
+        (Tuple((Discrete(2),)), np.array(1), "must be a tuple of 1 parts, got int64 array"),
+        (
+            Tuple((Discrete(2), Discrete(2))),
+            [(0, 1), (1, 1)],
+            "must be a tuple of 2 parts where it is a batch",
+        ),
+        (Tuple((Discrete(2), Discrete(2))), np.zeros((2, 2), int), "tuple of 2 parts where it is a batch"),
     ],
 )
 def test_an_observation_that_does_not_fit(space: Any, observation: Any, says: str) -> None:
@@ -183,6 +196,82 @@ def test_an_observation_that_does_not_fit(space: Any, observation: Any, says: st
     with pytest.raises(ValueError, match="observation") as error:
         features.flatten(observation)
     assert says in str(error.value)
+
+
+SEVERAL_FORMS = [
+    (Discrete(2), [True, 1, np.int8(1), np.uint8(1), np.array(1)], 1),
+    (Discrete(3, start=-1), [True, np.array(1, np.int16)], 1),
+    (MultiBinary(2), [[0.0, 1.0], (0, 1), [False, True], np.array([0.0, 1.0]), np.array([0, 1], object)], [0, 1]),
+    (MultiBinary((1, 2)), [[[0, 1]], np.array([[0.0, 1.0]], np.float16)], [[0, 1]]),
+    (MultiDiscrete([2, 2]), [[True, False], (1, 0), np.array([1, 0], np.int8), np.array([True, False])], [1, 0]),
+    (Box(0, 2, ()), [1, True, 1.0, Fraction(1), Decimal(1), "1", np.float32(1), np.float16(1)], 1.0),
+    (Box(0, 2, (2,)), [[1, 0], (1, False), [Decimal(1), Fraction(0)], np.array([1, 0], np.uint8)], [1.0, 0.0]),
+    (Box(0, 1e24, (1,), np.float64), [[2**70], [float(2**70)]], [2.0**70]),
+    (Box(0, 9, (2,), np.int32), [[1.0, 2.0], np.array([1, 2], np.int8), [np.int64(1), 2]], np.array([1, 2])),
+    (Tuple((Discrete(2), Discrete(3))), [[True, 2], np.array([1, 2])], (1, 2)),
+    (Tuple((Box(-1, 1, (2,)), Box(-1, 1, (2,)))), [[[1, 0], (0, 1)], np.eye(2, dtype=np.float32)], ([1, 0], [0, 1])),
+    (Dict({"a": MultiBinary(2), "b": Tuple((Discrete(2),))}), [{"b": [1], "a": [0.0, 1.0]}], {"a": [0, 1], "b": (1,)}),
+]  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:.*Casting input x to numpy array")
+@pytest.mark.parametrize(("space", "forms", "plain"), SEVERAL_FORMS, ids=[str(s) for s, *_ in SEVERAL_FORMS])
+def test_what_a_space_contains_can_be_flattened(space: Any, forms: Any, plain: Any) -> None:
+    features = Features.of(space)
+    for form in forms:
+        assert space.contains(form)
+        np.testing.assert_array_equal(features.flatten(form), features.flatten(plain))
+        np.testing.assert_array_equal(
+            features.flatten_each([form, plain]), features.flatten_each([plain] * 2)
+        )
+
+
+@each_space
+def test_an_empty_batch_has_no_rows(space: Any) -> None:
+    features = Features.of(space)
+    empty = gymnasium.vector.utils.create_empty_array(space, n=0)
+    nothing = np.zeros((0, len(features.names)), np.float32)
+    given = [empty] if isinstance(space, Dict | Tuple) else [empty, empty.astype(np.float64), []]
+    for batch in given:
+        flat = features.flatten(batch)
+        assert flat.dtype == np.float32
+        np.testing.assert_array_equal(flat, nothing)
+    np.testing.assert_array_equal(features.flatten_each([]), nothing)
+
+
+@pytest.mark.parametrize(
+    ("space", "names", "num_groups"),
+    [
+        (
+            Dict({"arm.joint": Discrete(2), "arm": Dict({"joint": Discrete(1)}), "leg": Box(0, 1, (1,))}),
+            ["['arm']['joint'] = 0", "['arm.joint'] = 0", "['arm.joint'] = 1", "leg[0]"],
+            2,
+        ),
+        (Dict({1: Discrete(1), "1": Discrete(1)}), ["[1] = 0", "['1'] = 0"], 2),
+        (Dict({"a": Tuple((Discrete(1),)), "a.0": Discrete(1)}), ["['a'][0] = 0", "['a.0'] = 0"], 2),
+        (Dict({"a": Box(0, 1, (1,)), "a[0]": Box(0, 1, ())}), ["['a'][0]", "['a[0]']"], 0),
+        (Dict({"a": Discrete(1), "a = 0": Box(0, 1, ())}), ["['a'] = 0", "['a = 0']"], 1),
+        (
+            Dict({"['a']": Discrete(1), "a": Discrete(1), "a = 0": Box(0, 1, ())}),
+            ["[\"['a']\"] = 0", "['a'] = 0", "['a = 0']"],
+            2,
+        ),
+        (
+            Tuple((Dict({"a": Dict({"b": Discrete(1)}), "a.b": Discrete(1)}), Discrete(1))),
+            ["x[0]['a']['b'] = 0", "x[0]['a.b'] = 0", "x.1 = 0"],
+            3,
+        ),
+    ],
+    ids=str,
+)
+def test_keys_that_spell_one_path_are_two_choices(space: Any, names: list[str], num_groups: int) -> None:
+    features = Features.of(space)
+    assert sorted(features.names) == sorted(names)
+    assert len(features.groups) == num_groups
+    space.seed(0)
+    for _ in range(5):
+        sample = space.sample()
+        np.testing.assert_array_equal(features.flatten(sample), gymnasium.spaces.flatten(space, sample))
 
 
 @pytest.mark.parametrize(

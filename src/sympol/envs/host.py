@@ -7,7 +7,7 @@ are), behind the same `Step` that an environment in JAX answers with.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, SupportsFloat
+from typing import Any, NamedTuple, SupportsFloat
 
 import gymnasium
 import numpy as np
@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float32, Shaped
 from numpy import ndarray
 
 from ..types import Step
-from .spaces import Features, native_actions
+from .spaces import Features, describe, native_actions
 
 
 class EnvironmentFailure(RuntimeError):
@@ -36,6 +36,87 @@ def require_finite(what: str, values: Float32[ndarray, "envs ..."]) -> None:
     raise EnvironmentFailure(
         f"environment {index} returned {what} that is not finite in float32: {values[index]}"
     )
+
+
+class Moved(NamedTuple):
+    """What one Gymnasium environment answers to an action; its ``info`` is nobody's concern."""
+
+    observation: Any
+    reward: float
+    terminated: bool
+    truncated: bool
+
+
+def begin(env: gymnasium.Env, who: str = "", **options: Any) -> Any:
+    """Start an episode of one environment; return the first observation as the environment gave it.
+
+    ``who`` is what to call it in a message, by default its class.
+
+    Raises EnvironmentFailure if it raises, or does not return ``(observation, info)``.
+    """
+    try:
+        answer: Any = env.reset(**options)
+        if not isinstance(answer, tuple) or len(answer) != 2:
+            raise TypeError(
+                f"reset() must return (observation, info), got {describe(answer)}; the older Gym interface has the "
+                "observation alone: return an empty dict beside it"
+            )
+    except Exception as error:
+        raise _failure(env, who, "reset()", error) from error
+    return answer[0]
+
+
+def advance(env: gymnasium.Env, action: Any, who: str = "") -> Moved:
+    """Take one step in one environment; otherwise as `begin`.
+
+    A reward or flag may also be an array that holds one number, such as one of shape (1,).
+
+    Raises EnvironmentFailure if the environment raises, or does not return
+    ``(observation, reward, terminated, truncated, info)``.
+    """
+    try:
+        answer: Any = env.step(action)
+        if not isinstance(answer, tuple) or len(answer) != 5:
+            values = f"{len(answer)} values" if isinstance(answer, tuple) else describe(answer)
+            raise TypeError(
+                f"step() must return (observation, reward, terminated, truncated, info), got {values}; the older Gym "
+                "interface has one flag, done: say whether the task itself ended (terminated) or only the time was up "
+                "(truncated)"
+            )
+        observation, reward, terminated, truncated, _ = answer
+        return Moved(
+            observation,
+            float(_single("reward", "a number", reward)),
+            bool(_single("terminated", "true or false", terminated)),
+            bool(_single("truncated", "true or false", truncated)),
+        )
+    except Exception as error:
+        raise _failure(env, who, f"step({action!r})", error) from error
+
+
+def _failure(env: gymnasium.Env, who: str, where: str, error: Exception) -> EnvironmentFailure:
+    who = who or type(env.unwrapped).__name__
+    hint = ""
+    if isinstance(error, ValueError) and "to unpack" in str(error):  # by a wrapper, such as TimeLimit
+        hint = (
+            "; if the environment has the older Gym interface: reset() must return (observation, info), and step() "
+            "(observation, reward, terminated, truncated, info)"
+        )
+    return EnvironmentFailure(f"{who} failed in {where}: {type(error).__name__}: {error}{hint}")
+
+
+def _single(what: str, kind: str, value: Any) -> Any:
+    """The one number that a value is or holds."""
+    if isinstance(value, bool | int | float):
+        return value
+    try:
+        array = np.asarray(value)
+        number = array.item() if array.size == 1 else None
+        if isinstance(number, SupportsFloat):
+            return number
+    except ValueError:  # ragged
+        pass
+    raise TypeError(f"{what} must be {kind}, got {describe(value)}")
 
 
 class HostEnvs:
@@ -121,47 +202,38 @@ class _Maker:
 class _FlatEnv(gymnasium.Wrapper):
     """Flattens the observation, into a new array: an environment may reuse its own at the next reset.
 
-    It truncates an episode after ``max_steps`` steps, and while it ``rests`` a step does nothing.
+    Its ``info`` goes no further: Gymnasium would make one array of what all copies say, which need not fit together.
+    An episode is truncated after ``max_steps`` steps; while the copy ``rests``, a step does nothing.
     """
 
     def __init__(self, env: gymnasium.Env, index: int, features: Features):
         super().__init__(env)
-        self.index, self.features = index, features
+        self.who, self.features = f"environment {index}", features
         self.observation_space = Box(features.low, features.high, dtype=np.float32)
         self.max_steps: int | None = None
         self.was_cut, self.rests = False, False
         self._steps, self._last = 0, np.zeros(0, np.float32)
 
     def reset(self, **options: Any) -> tuple[Float32[ndarray, " features"], dict[str, Any]]:
-        try:
-            observation, info = self.env.reset(**options)
-            self._steps, self._last = 0, self._flatten(observation)
-            return self._last, info
-        except Exception as error:
-            raise self._failure("reset()", error) from error
+        self._steps, self._last = 0, self._flatten(begin(self.env, self.who, **options))
+        return self._last, {}
 
-    def step(
-        self, action: Any
-    ) -> tuple[Float32[ndarray, " features"], SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Float32[ndarray, " features"], float, bool, bool, dict[str, Any]]:
         if self.rests:
             return self._last, 0.0, False, False, {}
+        observation, reward, terminated, truncated = advance(self.env, action, self.who)
+        self._steps, self._last = self._steps + 1, self._flatten(observation, action)
+        if self.max_steps is not None and self._steps >= self.max_steps:
+            self.was_cut = self.was_cut or not (terminated or truncated)
+            truncated = truncated or not terminated
+        return self._last, reward, terminated, truncated, {}
+
+    def _flatten(self, observation: Any, *after: Any) -> Float32[ndarray, " features"]:
         try:
-            observation, reward, terminated, truncated, info = self.env.step(action)
-            self._steps, self._last = self._steps + 1, self._flatten(observation)
-            if self.max_steps is not None and self._steps >= self.max_steps:
-                self.was_cut = self.was_cut or not (terminated or truncated)
-                truncated = truncated or not terminated
-            return self._last, float(reward), bool(terminated), bool(truncated), info
+            flat = self.features.flatten(observation)
+            if flat.ndim != 1:
+                raise ValueError(f"observation must be a single one, got a batch of shape {flat.shape[:-1]}")
         except Exception as error:
-            raise self._failure(f"step({action!r})", error) from error
-
-    def _flatten(self, observation: Any) -> Float32[ndarray, " features"]:
-        flat = self.features.flatten(observation)
-        if flat.ndim != 1:
-            raise ValueError(f"observation must be a single one, got a batch of shape {flat.shape[:-1]}")
+            where = f"step({after[0]!r})" if after else "reset()"
+            raise _failure(self.env, self.who, where, error) from error
         return flat
-
-    def _failure(self, where: str, error: Exception) -> EnvironmentFailure:
-        return EnvironmentFailure(
-            f"environment {self.index} failed in {where}: {type(error).__name__}: {error}"
-        )

@@ -24,7 +24,7 @@ from .mountain_car import MountainCar, MountainCarContinuous
 from .names import known_names
 from .native import has_task
 from .pendulum import Pendulum
-from .spaces import Features, action_spec
+from .spaces import Features, action_spec, require_spaces
 from .spec import Backend, EnvSpec, HostFactory, not_listed
 
 Factory: TypeAlias = Callable[..., gymnasium.Env] | Callable[..., Env]
@@ -198,6 +198,8 @@ def _open(env: Any, kwargs: dict[str, Any]) -> _Source:
         if not kwargs:
             raise
         raise ValueError(f"env_kwargs {kwargs} do not fit this environment: {error}") from error
+    if isinstance(example, gymnasium.Env) or (hasattr(example, "reset") and hasattr(example, "step")):
+        require_spaces(example)
     if isinstance(example, gymnasium.Env):
         if not is_factory:
             return _remake(example)

@@ -5,9 +5,11 @@ All of it is NumPy on the host; an environment in JAX already speaks in flat flo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from gymnasium import Space
@@ -22,16 +24,22 @@ UNBOUNDED = 1e6
 """A bound as far out as this says nothing about a feature: it stands there because the space asked for one."""
 
 
+Path: TypeAlias = tuple[Any, ...]
+"""Where a space is inside another: the keys of ``Dict`` and the positions of ``Tuple``, from the root on."""
+
+
 class Feature(NamedTuple):
     """One number of an observation and the range it moves in.
 
-    ``choice`` is the category it is one-hot of; ``integer`` says that it is a whole number.
+    ``name`` is what it is called below the path of its space: ``[1, 2]``, ``[0] = 3``. ``choice`` is the index of the
+    category that it is one-hot of, None where it is no category; ``integer`` says that it is a whole number.
     """
 
+    path: Path
     name: str
     low: float
     high: float
-    choice: str | None = None
+    choice: tuple[int, ...] | None = None
     integer: bool = False
 
 
@@ -71,7 +79,7 @@ class Features:
         features = list(_features(space))
         if not features:
             raise ValueError(f"observation space must have at least one feature, got {space}")
-        named = check_names(names, [feature.name for feature in features], "feature_names")
+        named = check_names(names, _names(space, features), "feature_names")
         if groups is None:
             groups = _one_hot_groups(features, named)
         grouped = {feature for group in groups for feature in group.features}
@@ -121,8 +129,10 @@ class Features:
 
     def flatten_each(self, observations: Sequence[Any]) -> NDArray[np.float32]:
         """Turn a list of single observations into features ``[len(observations), F]``."""
+        if not len(observations):
+            return np.zeros((0, len(self.names)), np.float32)
         if isinstance(self.space, Box):
-            shapes = {np.shape(observation) for observation in observations}
+            shapes = {getattr(observation, "shape", None) for observation in observations}
             if shapes == {self.space.shape}:  # at once: a call for each would cost more than a policy does
                 return self.flatten(np.stack(observations))
         return np.stack([self.flatten(observation) for observation in observations])
@@ -142,6 +152,22 @@ def check_names(names: Sequence[str] | None, default: Sequence[str], what: str) 
     if twice:
         raise ValueError(f"{what} must differ from each other, got {twice} more than once")
     return tuple(names)
+
+
+def require_spaces(env: Any) -> None:
+    """Raise ValueError, naming it, where an environment lacks one of its two spaces."""
+    for name, like in (("observation_space", "Box(low, high)"), ("action_space", "Discrete(n)")):
+        try:
+            space = getattr(env, name)
+        except AttributeError:
+            raise ValueError(
+                f"{type(env).__name__} has no {name}: set it in __init__, to a space such as gymnasium.spaces.{like}"
+            ) from None
+        if not isinstance(space, Space):
+            raise ValueError(
+                f"the {name} of {type(env).__name__} must be a space such as gymnasium.spaces.{like}, got "
+                f"{describe(space)}"
+            )
 
 
 def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
@@ -183,30 +209,28 @@ def native_actions(space: Space, actions: ArrayLike) -> NDArray:
     raise ValueError(f"unsupported action space {space}")
 
 
-def _features(space: Space, path: str = "x", *, is_root: bool = True) -> Iterator[Feature]:
+def _features(space: Space, path: Path = ()) -> Iterator[Feature]:
     match space:
         case Box():
             whole = not np.issubdtype(space.dtype, np.floating)
             for index in np.ndindex(space.shape):
                 low, high = float(space.low[index]), float(space.high[index])
-                yield Feature(path + _subscript(index), low, high, integer=whole)
+                yield Feature(path, _subscript(index), low, high, integer=whole)
         case MultiBinary():
             for index in np.ndindex(space.shape):
-                yield Feature(path + _subscript(index), 0, 1, integer=True)
+                yield Feature(path, _subscript(index), 0, 1, integer=True)
         case Discrete():
             for category in range(int(space.n)):
-                yield Feature(f"{path} = {space.start + category}", 0, 1, path)
+                yield Feature(path, f" = {space.start + category}", 0, 1, ())
         case MultiDiscrete():
             for index in np.ndindex(space.nvec.shape):
-                choice = path + _subscript(index)
                 for category in range(int(space.nvec[index])):
-                    yield Feature(f"{choice} = {space.start[index] + category}", 0, 1, choice)
-        case Dict():
-            for key, part in space.spaces.items():
-                yield from _features(part, str(key) if is_root else f"{path}.{key}", is_root=False)
-        case Tuple():
-            for position, part in enumerate(space.spaces):
-                yield from _features(part, f"{path}.{position}", is_root=False)
+                    name = f"{_subscript(index)} = {space.start[index] + category}"
+                    yield Feature(path, name, 0, 1, index)
+        case Dict() | Tuple():
+            parts = space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces)
+            for key, part in parts:
+                yield from _features(part, (*path, key))
         case _:
             raise ValueError(
                 f"unsupported observation space {space}; supported are Box, Discrete, MultiBinary, "
@@ -215,12 +239,35 @@ def _features(space: Space, path: str = "x", *, is_root: bool = True) -> Iterato
             )
 
 
+def _names(space: Space, features: Sequence[Feature]) -> list[str]:
+    """A name for each feature, and no name twice.
+
+    Keys are joined by dots, ``arm.joint``. Where that spells one name for several features, as the keys ``"arm.joint"``
+    and ``"arm"`` → ``"joint"`` do, the spaces concerned are written with their keys in brackets: ``['arm']['joint']``.
+    """
+    root = () if isinstance(space, Dict) else ("x",)
+    in_brackets: set[Path] = set()
+    while True:
+        names = [_spelled(root, feature, in_brackets) for feature in features]
+        count = Counter(names)
+        unclear = {feature.path for feature, name in zip(features, names, strict=True) if count[name] > 1}
+        if unclear <= in_brackets:
+            return names
+        in_brackets |= unclear
+
+
+def _spelled(root: Path, feature: Feature, in_brackets: Set[Path]) -> str:
+    if feature.path in in_brackets:
+        return "".join([*root, *(f"[{key!r}]" for key in feature.path), feature.name])
+    return ".".join(map(str, (*root, *feature.path))) + feature.name
+
+
 def _one_hot_groups(features: Sequence[Feature], names: Sequence[str]) -> list[Group]:
     """Group the features that one choice became; their names say it all."""
-    positions: dict[str, list[int]] = {}
+    positions: dict[tuple[Path, tuple[int, ...]], list[int]] = {}
     for position, feature in enumerate(features):
         if feature.choice is not None:
-            positions.setdefault(feature.choice, []).append(position)
+            positions.setdefault((feature.path, feature.choice), []).append(position)
     return [Group("", tuple(of), tuple(names[i] for i in of)) for of in positions.values()]
 
 
@@ -228,45 +275,77 @@ def _flatten(space: Space, observation: Any, path: str) -> Iterator[NDArray]:
     """Yield the parts of an observation, each ``[*batch, its features]``."""
     match space:
         case Box() | MultiBinary():
-            kinds = "fiub" if isinstance(space, Box) else "iub"
-            array = _array(observation, kinds, space, path)
-            yield array.reshape(*array.shape[: array.ndim - len(space.shape)], -1)
+            array = _array(observation, "fiub" if isinstance(space, Box) else "iub", space, path)
+            shape = space.shape or ()
+            yield array.reshape(*array.shape[: array.ndim - len(shape)], math.prod(shape))
         case Discrete():
-            yield _one_hot(_array(observation, "iu", space, path), int(space.start), int(space.n), path)
+            yield _one_hot(_array(observation, "iub", space, path), int(space.start), int(space.n), path)
         case MultiDiscrete():
-            array = _array(observation, "iu", space, path)
+            array = _array(observation, "iub", space, path)
             for index in np.ndindex(space.nvec.shape):
                 where = path + _subscript(index)
                 yield _one_hot(array[..., *index], int(space.start[index]), int(space.nvec[index]), where)
         case Dict():
             if not isinstance(observation, dict) or observation.keys() != space.spaces.keys():
-                got = sorted(observation) if isinstance(observation, dict) else _describe(observation)
-                raise ValueError(f"{path} must be a dict with the keys {sorted(space.spaces)}, got {got}")
+                got = _keys(observation) if isinstance(observation, dict) else describe(observation)
+                raise ValueError(f"{path} must be a dict with the keys {_keys(space.spaces)}, got {got}")
             for key, part in space.spaces.items():
                 yield from _flatten(part, observation[key], f"{path}[{key!r}]")
         case Tuple():
-            if not isinstance(observation, tuple) or len(observation) != len(space.spaces):
+            yield from _flatten_tuple(space, observation, path)
+
+
+def _flatten_tuple(space: Tuple, observation: Any, path: str) -> Iterator[NDArray]:
+    listed = isinstance(observation, list) or (isinstance(observation, np.ndarray) and observation.ndim > 0)
+    if not (listed or isinstance(observation, tuple)) or len(observation) != len(space.spaces):
+        raise ValueError(f"{path} must be a tuple of {len(space.spaces)} parts, got {describe(observation)}")
+    for position, (part, value) in enumerate(zip(space.spaces, observation, strict=True)):
+        for flat in _flatten(part, value, f"{path}[{position}]"):
+            if listed and flat.ndim > 1:  # parts of a batch, or a batch of tuples? A guess might be wrong
                 raise ValueError(
-                    f"{path} must be a tuple of {len(space.spaces)} parts, got {_describe(observation)}"
+                    f"{path} must be a tuple of {len(space.spaces)} parts where it is a batch (a list or an array is "
+                    f"one observation), got {describe(observation)}"
                 )
-            for position, part in enumerate(space.spaces):
-                yield from _flatten(part, observation[position], f"{path}[{position}]")
+            yield flat
 
 
 def _array(observation: Any, kinds: str, space: Space, path: str) -> NDArray:
-    """Check one array against its space: of one of these NumPy kinds, shaped ``[*batch, *space.shape]``."""
+    """Check one array against its space: of one of these NumPy kinds, shaped ``[*batch, *space.shape]``.
+
+    Whatever ``space.contains`` takes is taken: a ``Box`` converts what is no array yet to its own dtype, and
+    ``MultiBinary`` compares with 0 and 1, whatever the dtype. An empty list is an empty batch.
+    """
     shape = space.shape or ()
     try:
         array = np.asarray(observation)
     except ValueError:  # ragged
         array = np.empty((), object)
+    if array.shape == (0,) and shape != (0,):
+        array = np.zeros((0, *shape), space.dtype)
+    if array.dtype.kind not in kinds:
+        array = _converted(array, observation, space)
     trailing = array.shape[array.ndim - len(shape) :] if array.ndim >= len(shape) else None
     if array.dtype.kind not in kinds or trailing != shape:
         numbers = "integers" if "f" not in kinds else "real numbers"
         raise ValueError(
             f"{path} must be an array of {numbers} of shape {shape} (or a batch of such, with leading axes), "
-            f"got {_describe(observation)}; the space is {space}"
+            f"got {describe(observation)}; the space is {space}"
         )
+    return array
+
+
+def _converted(array: NDArray, observation: Any, space: Space) -> NDArray:
+    """The array as its space reads it, or as it is where the space does not read it."""
+    if not array.size:
+        return array.astype(space.dtype)
+    if isinstance(space, MultiBinary) and ((array == 0) | (array == 1)).all():
+        return (array == 1).astype(np.int8)
+    if isinstance(space, Box) and not isinstance(observation, np.ndarray):
+        try:
+            numbers = np.asarray(observation, dtype=space.dtype)
+        except (ValueError, TypeError, OverflowError):
+            return array
+        return array if np.isnan(numbers).any() else numbers  # None becomes NaN
     return array
 
 
@@ -277,6 +356,10 @@ def _one_hot(category: NDArray, start: int, n: int, path: str) -> NDArray[np.boo
     return np.arange(n) == index[..., None]
 
 
+def _keys(of: dict[Any, Any]) -> list[Any]:
+    return sorted(of, key=str)
+
+
 def _subscript(index: tuple[int, ...]) -> str:
     return f"[{', '.join(map(str, index))}]" if index else ""
 
@@ -285,7 +368,8 @@ def _shorten(names: Sequence[str], limit: int = 8) -> str:
     return ", ".join(map(repr, names[:limit])) + (", …" if len(names) > limit else "")
 
 
-def _describe(value: Any) -> str:
+def describe(value: Any) -> str:
+    """Say what was given, for a message: type and value, shortened, and of an array only dtype and shape."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype} array of shape {value.shape}"
     text = repr(value)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import gymnasium
 
 from ..envs.env import MAX_EPISODE_STEPS
+from ..envs.host import advance, begin
 from ..envs.spec import EnvSpec
 
 
@@ -33,14 +34,14 @@ def steps(
     max_steps: int | None = None,
 ) -> Iterator[Step]:
     """Play an episode on ``env`` with what ``act`` answers to each observation; the last step is its end."""
-    observation, _ = env.reset(seed=seed)
+    observation = begin(env, seed=seed)
     limit = min(max_steps or MAX_EPISODE_STEPS, spec.max_episode_steps or MAX_EPISODE_STEPS)
     total, step, end = 0.0, 0, ""
     while not end:
         action = act(observation)
         yield Step(step, observation, action, total)
-        observation, reward, terminated, truncated, _ = env.step(action)
-        total, step = total + float(reward), step + 1
+        observation, reward, terminated, truncated = advance(env, action)
+        total, step = total + reward, step + 1
         if terminated or truncated or step >= limit:
             end = "terminated" if terminated else "truncated" if truncated else "stopped"
     yield Step(step, observation, None, total, end)

@@ -11,6 +11,7 @@ from gymnasium.spaces.utils import flatdim
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # pyright: ignore[reportMissingImports]
 from torch import Tensor  # pyright: ignore[reportMissingImports]
 
+from ..envs.host import advance, begin
 from ..envs.spaces import Features
 from ..functional.float32_order import UNDERFLOW
 from .torch_tree import flush
@@ -63,12 +64,12 @@ def warm_up(env: str | gymnasium.Env, num_steps: int = 2048, *, seed: int = 0) -
     made = gymnasium.make(env) if isinstance(env, str) else env
     features = Features.of(made.observation_space)
     made.action_space.seed(seed)
-    observation, _ = made.reset(seed=seed)
+    observation = begin(made, seed=seed)
     seen = [observation]
     for _ in range(num_steps):
-        observation, _, terminated, truncated, _ = made.step(made.action_space.sample())
+        observation, _, terminated, truncated = advance(made, made.action_space.sample())
         if terminated or truncated:
-            observation, _ = made.reset()
+            observation = begin(made)
         seen.append(observation)
     if isinstance(env, str):
         made.close()

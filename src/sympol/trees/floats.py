@@ -29,8 +29,13 @@ def flushed(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
 
 
 def observation_batch(X: ArrayLike, n_features: int) -> tuple[Float32[np.ndarray, "batch features"], bool]:
-    """Check observations [features] or [batch, features]; return a flushed batch, and whether it was only one."""
+    """Check observations [features] or [batch, features]; return a flushed batch, and whether it was only one.
+
+    An empty list is an empty batch.
+    """
     raw = np.asarray(X)
+    if raw.shape == (0,) and n_features:
+        raw = raw.reshape(0, n_features)
     if raw.dtype.kind not in "fiub":
         raise TypeError(f"an observation holds real numbers, got an array of {raw.dtype}")
     if raw.ndim not in (1, 2) or raw.shape[-1] != n_features:
