@@ -11,6 +11,7 @@ from gymnasium.spaces import Box, Discrete
 
 import sympol
 from sympol.algos.collect_host import host_seed
+from sympol.envs.doubts import EpisodesCut
 from sympol.envs.host import HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
@@ -112,7 +113,8 @@ class Endless(gymnasium.Env):
 def test_an_episode_without_end_is_cut():
     tree = DecisionTree.from_complete(np.zeros(0, int), np.zeros(0), np.eye(2)[:1], actions=DiscreteActions(2),
                                       feature_names=["x"])  # fmt: skip
-    assert sympol.evaluate_policy(tree, Endless, 1) == (MAX_EPISODE_STEPS, 0)
+    with pytest.warns(EpisodesCut, match="did not end an episode within 10,000 steps, so evaluation cuts"):
+        assert sympol.evaluate_policy(tree, Endless, 1) == (MAX_EPISODE_STEPS, 0)
 
 
 def test_sampling_draws_from_the_leaf_s_distribution():

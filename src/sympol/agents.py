@@ -197,6 +197,7 @@ class Agent(abc.ABC):
 
     def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:
         """The state in the shape of a tree that is small enough, validated."""
+        trainer.close()  # there may be no more copies of the environment than it has open
         small = shaped(state, self._extract(state), self.spec, self.config, self.seed)
         validated = trainer.advance(small, int(small.timestep))
         return validated._replace(episodes=state.episodes)  # still to be reported

@@ -112,6 +112,7 @@ def play_side_by_side(
     copies: Sequence[gymnasium.Env],
     seeds: Sequence[int],
     *,
+    limit: int | None = None,
     watch: bool = True,
 ) -> SideBySide:
     """Play an episode for each seed; a copy whose episode has ended takes the next one.
@@ -121,10 +122,11 @@ def play_side_by_side(
         spec: What the copies are copies of.
         copies: Where to play.
         seeds: What to reset them with. The numbers of the episodes are their places here.
+        limit: Steps after which an episode is cut, by default `limit_of`.
         watch: Whether to keep the observations; without, there are none.
     """
     returns, lengths, were_cut = np.zeros(len(seeds)), np.zeros(len(seeds), int), False
-    limit = limit_of(spec)
+    limit = limit or limit_of(spec)
     waiting, free = iter(range(len(seeds))), deque(copies)
     running: dict[int, gymnasium.Env] = {}
     last: dict[int, Any] = {}

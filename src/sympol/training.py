@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 
 from .agents import Agent, Callback, Report, load
 from .algos.rules import LIMITS
-from .play import Episodes
+from .play import FEW, Episodes
 from .runs.about import versions
 from .runs.folder import Run
+from .runs.progress import decimals
 from .teachers import has_soft_tree, keep_soft_tree
 
 
@@ -61,12 +63,44 @@ def finish(
             "episodes": len(tested.returns),
             "eval_seed": eval_seed,
         }
+        warn_of_noise(agent.spec.name, tested.returns, sampled.returns)
     if agent.has_tree:
         tree = agent.tree()
         run.save_tree(tree if tested is None else tree.with_visits(tested.observations))
     elif has_soft_tree(agent):
         summary |= keep_soft_tree(agent, run.path, None if tested is None else tested.observations)
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
+
+
+class NeedsNoise(UserWarning):
+    """A policy earns much more, or much less, where it samples its actions than where it takes the best."""
+
+
+def warn_of_noise(env_name: str, best: np.ndarray, sampled: np.ndarray) -> None:
+    """Warn where the returns of a policy that takes its best actions are far from those where it samples them.
+
+    Far is more than the spread of the returns and than three standard errors, and more than a quarter of the larger
+    mean. Where sampling earns less, as noise always costs something, far is half of the larger mean.
+    """
+    earned, by_chance = float(best.mean()), float(sampled.mean())
+    apart, spread = abs(earned - by_chance), np.hypot(best.std(), sampled.std())
+    share = 0.25 if by_chance > earned else 0.5
+    few = min(len(best), len(sampled))
+    if few < FEW or apart <= max(spread / np.sqrt(2), 3 * spread / np.sqrt(few)):
+        return
+    if apart <= share * max(abs(earned), abs(by_chance)):
+        return
+    n = decimals(max(abs(earned), abs(by_chance)))
+    what = f"on {env_name} the policy earns {earned:,.{n}f} with its best actions but {by_chance:,.{n}f} when it samples"
+    warnings.warn(
+        f"{what} them: it relies on its noise, which the deterministic policy that is kept does not have. Train longer, "
+        "let the entropy bonus end as a price (--ent-end-factor -1), or allow a deeper tree (--depth)"
+        if by_chance > earned
+        else f"{what} them: training ended with much noise left, so that it knows little of what the deterministic "
+        "policy does. Train longer, or lower the entropy bonus (--ent-coef, --ent-end-factor)",
+        NeedsNoise,
+        stacklevel=1,
+    )
 
 
 def _size(agent: Agent) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -32,7 +33,9 @@ class HostCollector:
 
     def __init__(self, spec: EnvSpec, distribution: Distribution, config: Config) -> None:
         self._config = config
-        self._envs = spec.host_envs(config.num_envs)
+        self._open = partial(spec.host_envs, config.num_envs)
+        self._envs = self._open()
+        self._is_closed = False
         self._observation = np.zeros((config.num_envs, len(spec.features.names)), np.float32)
         self._quota = -(-config.num_eval_episodes // config.num_envs)
         self.limit = validation_limit(spec.max_episode_steps, config, self._quota * config.num_envs)
@@ -67,7 +70,9 @@ class HostCollector:
         self._choose, self._draw, self._act, self._decide = choose, draw, act, decide
 
     def begin(self, seed: int, timestep: int) -> None:
-        """Start new episodes everywhere."""
+        """Start new episodes everywhere; after `close`, in new environments."""
+        if self._is_closed:
+            self._envs, self._is_closed = self._open(), False
         self._observation = self._envs.reset(host_seed(seed, "train", timestep))
 
     def collect(
@@ -126,6 +131,7 @@ class HostCollector:
     def close(self) -> None:
         """Close the environments."""
         self._envs.close()
+        self._is_closed = True
 
     def _buffer(self, transition: Transition) -> Transition:
         axes = (1 << self._config.max_stage, self._config.chunk_steps)

@@ -43,7 +43,7 @@ class Trainer(abc.ABC):
         """A state of the right shapes, its values of no meaning."""
 
     def close(self) -> None:  # noqa: B027  (nothing to close inside a compiled program)
-        """Let go of what the host holds."""
+        """Let go of what the host holds; `advance` takes hold of it again."""
 
 
 class Compiled:

@@ -27,9 +27,10 @@ err = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
 
 @contextlib.contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Bad input is one line on the error stream and status 2; so are failures, with status 1."""
+    """Bad input is one line on the error stream and status 2; so are failures, with status 1, and warnings."""
     try:
-        yield
+        with warnings_in_one_line():
+            yield
     except (RunError, ValueError) as error:  # ConfigError and UnknownEnvironment are ValueErrors
         print_error(error)
         raise SystemExit(2) from None

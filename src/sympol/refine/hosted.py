@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from ..envs.copies import open_copies
 from ..envs.spec import EnvSpec
-from ..play import SideBySide, episode_seed, play_side_by_side
+from ..play import SideBySide, episode_seed, limit_of, play_side_by_side
 from ..trees import DecisionTree
 from .arena import Arena, Played, Purpose
 from .packed import Packed, answers
@@ -28,6 +28,7 @@ class HostArena(Arena):
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
         super().__init__(spec, seed, purpose)
+        self._limit = limit_of(spec)
         self._copies: Sequence[gymnasium.Env] | None = None
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
@@ -49,7 +50,7 @@ class HostArena(Arena):
             return does[tree, packed.apply(tree, x)]
 
         seeds = [episode_seed(self.seed, episode, self.purpose) for episode in episodes] * len(trees)
-        return play_side_by_side(act, self.spec, self._opened(), seeds, watch=watch)
+        return play_side_by_side(act, self.spec, self._opened(), seeds, limit=self._limit, watch=watch)
 
     def _opened(self) -> Sequence[gymnasium.Env]:
         """The copies, opened when they are first needed and closed with the arena."""
