@@ -72,32 +72,39 @@ def finish(
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
 
 
+WORSE, BETTER = 0.4, 0.8
+"""By what share of the larger mean return a deterministic policy may be worse, or better, than it is when it samples."""
+
+
 class NeedsNoise(UserWarning):
     """A policy earns much more, or much less, where it samples its actions than where it takes the best."""
 
 
 def warn_of_noise(env_name: str, best: np.ndarray, sampled: np.ndarray) -> None:
-    """Warn where the returns of a policy that takes its best actions are far from those where it samples them.
+    """Warn where a policy's returns with its best actions are far from those with sampled actions.
 
-    Far is more than the spread of the returns and than three standard errors, and more than a quarter of the larger
-    mean. Where sampling earns less, as noise always costs something, far is half of the larger mean.
+    Far is more than the spread of the returns, more than three standard errors, and more than `WORSE` of the larger
+    mean. Noise always costs something, and costs much early in a training: where sampling earns less, `BETTER` takes
+    the place of `WORSE`.
     """
     earned, by_chance = float(best.mean()), float(sampled.mean())
-    apart, spread = abs(earned - by_chance), np.hypot(best.std(), sampled.std())
-    share = 0.25 if by_chance > earned else 0.5
-    few = min(len(best), len(sampled))
-    if few < FEW or apart <= max(spread / np.sqrt(2), 3 * spread / np.sqrt(few)):
+    relies = by_chance > earned
+    apart, larger = abs(earned - by_chance), max(abs(earned), abs(by_chance))
+    few, spread = min(len(best), len(sampled)), np.hypot(best.std(), sampled.std())
+    far = max(spread / np.sqrt(2), 3 * spread / np.sqrt(few), (WORSE if relies else BETTER) * larger)
+    if few < FEW or apart <= far:
         return
-    if apart <= share * max(abs(earned), abs(by_chance)):
-        return
-    n = decimals(max(abs(earned), abs(by_chance)))
-    what = f"on {env_name} the policy earns {earned:,.{n}f} with its best actions but {by_chance:,.{n}f} when it samples"
+    n = decimals(larger)
+    why = (
+        "so it relies on its noise, which the deterministic policy that is kept does not have. Train longer, let the "
+        "entropy bonus end as a price (--ent-end-factor -1), or allow a deeper tree (--depth)"
+        if relies
+        else "so training ended with much noise left, and has hardly improved the deterministic policy that is kept. "
+        "Train longer, or lower the entropy bonus (--ent-coef, --ent-end-factor)"
+    )
     warnings.warn(
-        f"{what} them: it relies on its noise, which the deterministic policy that is kept does not have. Train longer, "
-        "let the entropy bonus end as a price (--ent-end-factor -1), or allow a deeper tree (--depth)"
-        if by_chance > earned
-        else f"{what} them: training ended with much noise left, so that it knows little of what the deterministic "
-        "policy does. Train longer, or lower the entropy bonus (--ent-coef, --ent-end-factor)",
+        f"on {env_name} the policy earns {earned:,.{n}f} with its best actions and {by_chance:,.{n}f} with sampled "
+        f"ones, {why}",
         NeedsNoise,
         stacklevel=1,
     )
