@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Discrete
 import sympol
 from sympol.algos.collect_host import host_seed
 from sympol.envs.doubts import EpisodesCut, SameEpisodes
-from sympol.envs.host import HostEnvs
+from sympol.envs.host import EnvironmentFailure, HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 from sympol.play import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
@@ -218,6 +218,12 @@ def test_environments_are_closed_where_one_fails(ports, policy):
     ports.fails_at = 2
     with pytest.raises(Exception, match="out of order"):
         sympol.evaluate_policy(policy, Ports, 4)
+    assert ports.open == 0
+
+
+def test_a_training_that_wants_too_many_copies_is_refused_and_closes_those_it_made(ports):
+    with pytest.raises(EnvironmentFailure, match=r"num_envs must be at most 8, .* RuntimeError: no free port"):
+        trained(Ports, num_envs=10, total_timesteps=4096)
     assert ports.open == 0
 
 

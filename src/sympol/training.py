@@ -73,7 +73,7 @@ def finish(
 
 
 WORSE, BETTER = 0.4, 0.8
-"""By what share of the larger mean return a deterministic policy may be worse, or better, than it is when it samples."""
+"""By what share of the larger mean return a policy may be worse, or better, with its best actions than with sampled."""
 
 
 class NeedsNoise(UserWarning):

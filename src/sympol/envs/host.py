@@ -123,9 +123,17 @@ class HostEnvs:
     """``num_envs`` copies of a Gymnasium environment, reset by themselves when an episode ends."""
 
     def __init__(self, make: Callable[[], gymnasium.Env], num_envs: int, features: Features):
-        """Make the copies. ``features`` describes the observation space of each."""
+        """Make the copies. ``features`` describes the observation space of each.
+
+        Raises EnvironmentFailure where the first can be made and a later one cannot; those made before are closed.
+        """
         makers = [_Maker(make, index, features) for index in range(num_envs)]
-        self._envs = SyncVectorEnv(makers, copy=False, autoreset_mode=AutoresetMode.SAME_STEP)
+        try:
+            self._envs = SyncVectorEnv(makers, copy=False, autoreset_mode=AutoresetMode.SAME_STEP)
+        except BaseException:
+            for maker in makers:
+                maker.close()
+            raise
         self._copies: Any = self._envs.envs
 
     @property
@@ -194,9 +202,23 @@ class _Maker:
 
     def __init__(self, make: Callable[[], gymnasium.Env], index: int, features: Features):
         self.make, self.index, self.features = make, index, features
+        self.made: gymnasium.Env | None = None
 
     def __call__(self) -> gymnasium.Env:
-        return _FlatEnv(self.make(), self.index, self.features)
+        try:
+            self.made = _FlatEnv(self.make(), self.index, self.features)
+        except Exception as error:
+            if self.index == 0:
+                raise
+            raise EnvironmentFailure(
+                f"num_envs must be at most {self.index}, as copy {self.index + 1} of the environment cannot be made "
+                f"beside the others: {type(error).__name__}: {error}"
+            ) from error
+        return self.made
+
+    def close(self) -> None:
+        if self.made is not None:
+            self.made.close()
 
 
 class _FlatEnv(gymnasium.Wrapper):
