@@ -222,7 +222,9 @@ def test_environments_are_closed_where_one_fails(ports, policy):
 
 
 def test_a_training_that_wants_too_many_copies_is_refused_and_closes_those_it_made(ports):
-    with pytest.raises(EnvironmentFailure, match=r"num_envs must be at most 8, .* RuntimeError: no free port"):
+    with pytest.raises(
+        EnvironmentFailure, match=r"num_envs must be at most 8, .* RuntimeError: no free port"
+    ):
         trained(Ports, num_envs=10, total_timesteps=4096)
     assert ports.open == 0
 
