@@ -28,7 +28,7 @@ from sympol.algos.config import Config
 from sympol.algos.ppo import learn
 from sympol.algos.presets import preset
 from sympol.algos.train import CompiledTrainer, stops
-from sympol.algos.validate import validate
+from sympol.algos.validate import limit_in, validate
 from sympol.envs.registry import resolve
 from sympol.policies.distributions import distribution_of
 
@@ -119,7 +119,9 @@ def split() -> dict[str, float]:
     @jax.jit
     def validating(state: Any) -> Any:
         policy = state.networks.actor.rollout()
-        return validate(env, distribution, policy, state.normalizer, key, config.num_eval_episodes)
+        return validate(
+            env, distribution, policy, state.normalizer, key, config.num_eval_episodes, limit_in(env, config)
+        )
 
     calls: dict[str, Callable[[], Any]] = {
         "collect": lambda: collecting(state),

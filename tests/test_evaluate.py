@@ -11,13 +11,15 @@ from gymnasium.spaces import Box, Discrete
 
 import sympol
 from sympol.algos.collect_host import host_seed
-from sympol.envs.host import HostEnvs
+from sympol.envs.doubts import EpisodesCut, SameEpisodes
+from sympol.envs.host import EnvironmentFailure, HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 from sympol.play import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
+from sympol.refine.arena import make_arena
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 
-from .tiny import Chain
+from .tiny import Chain, trained
 
 BALANCE = DecisionTree.from_complete(
     np.array([3]), np.array([0.0]), np.array([[1.0, -1.0], [-1.0, 1.0]]), actions=DiscreteActions(2),
@@ -28,11 +30,14 @@ BALANCE = DecisionTree.from_complete(
 class OneByOne:
     """What stable-baselines3's models look like from outside."""
 
+    def __init__(self, tree: DecisionTree = BALANCE):
+        self.tree = tree
+
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
     ):
         assert deterministic
-        return BALANCE.predict(observation), None
+        return self.tree.predict(observation), None
 
 
 def test_a_tree_and_anything_with_predict_play_the_same_episodes():
@@ -112,7 +117,148 @@ class Endless(gymnasium.Env):
 def test_an_episode_without_end_is_cut():
     tree = DecisionTree.from_complete(np.zeros(0, int), np.zeros(0), np.eye(2)[:1], actions=DiscreteActions(2),
                                       feature_names=["x"])  # fmt: skip
-    assert sympol.evaluate_policy(tree, Endless, 1) == (MAX_EPISODE_STEPS, 0)
+    with pytest.warns(EpisodesCut, match="did not end an episode within 10,000 steps, so evaluation cuts"):
+        assert sympol.evaluate_policy(tree, Endless, 1) == (MAX_EPISODE_STEPS, 0)
+
+
+class Ports(gymnasium.Env):
+    """Needs one of eight ports, and says how many were taken at once. How an episode goes depends on its seed alone."""
+
+    observation_space, action_space = Box(-np.inf, np.inf, (2,)), Discrete(2)
+    ports, open, most, fails_at = 8, 0, 0, 0
+
+    def __init__(self):
+        if Ports.open >= Ports.ports:
+            raise RuntimeError("no free port")
+        Ports.open += 1
+        Ports.most = max(Ports.most, Ports.open)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.time, self.length = 0, int(self.np_random.integers(3, 30))
+        return self.np_random.normal(size=2).astype(np.float32), {}
+
+    def step(self, action):
+        self.time += 1
+        if self.time == Ports.fails_at:
+            raise RuntimeError("out of order")
+        seen, ended = self.np_random.normal(size=2).astype(np.float32), self.time >= self.length
+        return seen, float(action * self.np_random.normal()), ended, False, {}
+
+    def close(self):
+        Ports.open -= 1
+
+
+@pytest.fixture
+def ports(monkeypatch) -> type[Ports]:
+    for name, value in (("ports", 8), ("open", 0), ("most", 0), ("fails_at", 0)):
+        monkeypatch.setattr(Ports, name, value)
+    return Ports
+
+
+SIGN = DecisionTree.from_complete(
+    np.array([0]), np.array([0.0]), np.array([[1.0, -1.0], [-1.0, 1.0]]), actions=DiscreteActions(2),
+    feature_low=np.full(2, -np.inf),
+)  # fmt: skip
+
+
+def one_after_the_other(num_episodes: int) -> tuple[list[float], list[int], list[np.ndarray]]:
+    """What `SIGN` earns, by Gymnasium's own loop, and all observations acted on, step by step."""
+    env, returns, seen = Ports(), [], []
+    for episode in range(num_episodes):
+        x, done, total = env.reset(seed=episode_seed(0, episode))[0], False, 0.0
+        observed = []
+        while not done:
+            observed.append(x)
+            x, reward, done, _, _ = env.step(int(SIGN.predict(x)))
+            total += reward
+        returns.append(total)
+        seen.append(observed)
+    env.close()
+    lengths = [len(observed) for observed in seen]
+    return (
+        returns,
+        lengths,
+        [observed[t] for t in range(max(lengths)) for observed in seen if t < len(observed)],
+    )
+
+
+@pytest.mark.parametrize("num_ports", [1, 3, 8, 100])
+def test_episodes_are_the_same_on_however_many_copies_can_be_open(ports, num_ports):
+    returns, lengths, seen = one_after_the_other(40)
+    ports.ports = num_ports
+    played = play(SIGN, resolve(Ports), 40, seed=0)
+    assert (played.returns.tolist(), played.lengths.tolist()) == (returns, lengths)
+    np.testing.assert_array_equal(played.observations, np.stack(seen))
+    assert (ports.open, ports.most) == (0, min(num_ports, 16))
+    assert sympol.evaluate_policy(SIGN, Ports, 40, return_episode_rewards=True) == (returns, lengths)
+
+
+def test_an_agent_is_evaluated_on_no_more_copies_than_it_was_trained_on(ports, tmp_path):
+    agent = trained(Ports, num_envs=2, depth=1)
+    assert (ports.open, ports.most) == (0, 2)
+    sympol.evaluate_policy(agent, Ports, 20)
+    sympol.evaluate_policy(agent, agent.spec, 20, deterministic=False)
+    play(agent.tree(), agent.spec, 20, seed=0)
+    agent.save(tmp_path / "run")
+    loaded = sympol.load(tmp_path / "run", env=Ports)
+    sympol.distill_policy(loaded, "dagger", 1, num_iterations=2, episodes_per_iteration=5)
+    make_arena(agent.spec, 0).play([agent.tree()], range(40))
+    assert (ports.open, ports.most) == (0, 2)
+
+
+def test_a_search_for_a_smaller_tree_takes_no_more_copies_than_the_training(ports):
+    ports.ports = 1
+    trained(Ports, num_envs=1, total_timesteps=1024, max_nodes=3, depth=3)
+    assert (ports.open, ports.most) == (0, 1)
+
+
+@pytest.mark.parametrize("policy", [SIGN, OneByOne(SIGN)])
+def test_environments_are_closed_where_one_fails(ports, policy):
+    ports.fails_at = 2
+    with pytest.raises(Exception, match="out of order"):
+        sympol.evaluate_policy(policy, Ports, 4)
+    assert ports.open == 0
+
+
+def test_a_training_that_wants_too_many_copies_is_refused_and_closes_those_it_made(ports):
+    with pytest.raises(
+        EnvironmentFailure, match=r"num_envs must be at most 8, .* RuntimeError: no free port"
+    ):
+        trained(Ports, num_envs=10, total_timesteps=4096)
+    assert ports.open == 0
+
+
+def test_an_object_plays_all_episodes_itself_and_stays_open(ports):
+    returns, lengths, _ = one_after_the_other(20)
+    env = Ports()
+    assert sympol.evaluate_policy(SIGN, env, 20, return_episode_rewards=True) == (returns, lengths)
+    assert (ports.open, ports.most) == (1, 1)
+
+
+class Fixed(gymnasium.Env):
+    """The same episode again and again, its seed ignored."""
+
+    observation_space, action_space = Box(-1, 1, (4,)), Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        self.time = 0
+        return np.zeros(4, np.float32), {}
+
+    def step(self, action):
+        self.time += 1
+        return np.full(4, self.time / 4, np.float32), 1.0, self.time >= 4, False, {}
+
+
+@pytest.mark.parametrize("policy", [BALANCE, OneByOne()])
+def test_episodes_that_are_all_the_same_are_warned_of(policy):
+    with pytest.warns(
+        SameEpisodes, match="the 5 test episodes on Fixed are all the same, whatever their seed"
+    ):
+        assert sympol.evaluate_policy(policy, Fixed, 5) == (4, 0)
+    sympol.evaluate_policy(policy, Fixed, 4)  # that few may be so by chance
+    short = lambda: gymnasium.wrappers.TimeLimit(gymnasium.make("CartPole-v1").unwrapped, 5)  # noqa: E731
+    assert sympol.evaluate_policy(policy, short, 10) == (5, 0)  # as good, but not the same
 
 
 def test_sampling_draws_from_the_leaf_s_distribution():

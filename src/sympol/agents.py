@@ -23,6 +23,7 @@ from .algos.state import TrainState
 from .algos.train import make_trainer, stops
 from .algos.trainer import Trainer
 from .compilation import use_disk_cache
+from .envs.doubts import warn_of_cut
 from .envs.registry import resolve
 from .envs.spec import Backend, EnvSpec
 from .play import draw, fitted_actions
@@ -120,11 +121,12 @@ class Agent(abc.ABC):
         self.config = _config(
             self.spec, preset, {"algorithm": self.algorithm, "policy": policy, **config}, self.start
         )
+        self.spec = self.spec.trained_with(self.config.num_envs)
         self.state: TrainState | None = None
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
         """What the last `learn` spent compiling."""
-        self._warned = False
+        self._warned = self._said_cut = False
         self._rng = np.random.default_rng(self.seed)
         self._trees: dict[tuple[int, bool], DecisionTree] = {}
 
@@ -186,6 +188,9 @@ class Agent(abc.ABC):
             self.state = state
             elapsed = time.perf_counter() - began
             self._warned = self._warned or warn_of_bounds(self.spec.name, self.spec.features.names, state)
+            if trainer.was_cut and not self._said_cut:
+                warn_of_cut(self.spec.name, "validation", trainer.limit)
+                self._said_cut = True
             metrics = metrics_of(self.state, elapsed, (self.num_timesteps - first) / elapsed)
             bar.update(metrics)
             report = Report(self, self.num_timesteps, self.config.total_timesteps, metrics)
@@ -194,6 +199,7 @@ class Agent(abc.ABC):
 
     def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:
         """The state in the shape of a tree that is small enough, validated."""
+        trainer.close()  # there may be no more copies of the environment than it has open
         small = shaped(state, self._extract(state), self.spec, self.config, self.seed)
         validated = trainer.advance(small, int(small.timestep))
         return validated._replace(episodes=state.episodes)  # still to be reported
@@ -357,7 +363,7 @@ def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = Non
         ConfigError, ValueError: the tree to start from fits neither config nor environment.
     """
     agent = AGENTS[config.algorithm](config.policy, spec, seed=seed)
-    agent.config = config
+    agent.config, agent.spec = config, spec.trained_with(config.num_envs)
     if start is not None:
         start.check(config)
         agent.start = start.fitted(spec)

@@ -3,16 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Protocol
 
 import gymnasium
 import numpy as np
+from gymnasium.utils.env_checker import data_equivalence
 
-from .envs.env import MAX_EPISODE_STEPS
+from .envs.copies import open_copies
+from .envs.doubts import warn_of_cut, warn_of_same_episodes
+from .envs.host import advance, begin
 from .envs.registry import resolve
 from .envs.spec import EnvSpec
-from .play import TEST, Acting, Episodes, acting, episode_seed, play, require_host
+from .play import (
+    PLAYING,
+    TEST,
+    Acting,
+    Episodes,
+    acting,
+    are_alike,
+    episode_seed,
+    limit_of,
+    play,
+    require_host,
+)
 from .trees import DecisionTree
 
 if TYPE_CHECKING:
@@ -39,6 +55,10 @@ def evaluate_policy(
 ) -> Any:
     """Play whole episodes and report the undiscounted return.
 
+    The episodes are played on a bounded number of copies of the environment: no more than 16, nor than an agent was
+    trained on in Gymnasium (``num_envs``), nor than can be open at once. Where an environment does not end an episode,
+    it is cut after its time limit, or else after 10,000 steps, and a warning says so.
+
     Args:
         model: An agent, a `DecisionTree`, or anything with stable-baselines3's ``predict``.
         env: What to play on: an id, a Gymnasium environment or a function that makes one.
@@ -56,6 +76,9 @@ def evaluate_policy(
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     spec = env if isinstance(env, EnvSpec) else resolve(env, backend="host")
+    trained_on = getattr(model, "spec", None)
+    if isinstance(trained_on, EnvSpec):
+        spec = replace(spec, most_copies=min(spec.most_copies, trained_on.most_copies))
     if render is not None:
         watch(model, spec, render, seed=seed, deterministic=deterministic)
     if isinstance(model, DecisionTree | Acting):
@@ -138,19 +161,23 @@ def _play_one_by_one(
     model: Policy, spec: EnvSpec, num_episodes: int, *, seed: int, deterministic: bool
 ) -> Episodes:
     require_host(spec)
-    assert spec.make_host is not None
-    env = spec.make_host()
-    limit = spec.max_episode_steps or MAX_EPISODE_STEPS
+    limit, were_cut = limit_of(spec), False
     returns, lengths = np.zeros(num_episodes), np.zeros(num_episodes, int)
-    for i in range(num_episodes):
-        observation, _ = env.reset(seed=episode_seed(seed, i))
-        done = False
-        while not done:
-            action, _ = model.predict(observation, deterministic=deterministic)
-            observation, reward, terminated, truncated, _ = env.step(action)
-            returns[i] += float(reward)
-            lengths[i] += 1
-            done = terminated or truncated or lengths[i] >= limit
-    if not spec.has_one_copy:
-        env.close()
+    ends: list[Any] = []
+    with open_copies(spec, 1) as (env,):
+        for i in range(num_episodes):
+            observation = begin(env, seed=episode_seed(seed, i))
+            first, ended = deepcopy(observation), False
+            while not (ended or lengths[i] >= limit):
+                action, _ = model.predict(observation, deterministic=deterministic)
+                observation, reward, terminated, truncated = advance(env, action)
+                returns[i] += reward
+                lengths[i] += 1
+                ended = terminated or truncated
+            were_cut = were_cut or not ended
+            ends.append((first, deepcopy(observation)))
+    if were_cut:
+        warn_of_cut(spec.name, PLAYING["test"], limit)
+    if deterministic and are_alike(returns, lengths) and all(data_equivalence(ends[0], end) for end in ends):
+        warn_of_same_episodes(spec.name, num_episodes)
     return Episodes(returns, lengths, np.zeros((0, len(spec.features.names)), np.float32))

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import gymnasium
 import numpy as np
 
+from .envs.copies import open_copies
+from .envs.doubts import warn_of_cut, warn_of_same_episodes
 from .envs.env import MAX_EPISODE_STEPS
+from .envs.host import advance, begin
 from .envs.spec import EnvSpec
 from .trees import DecisionTree
 from .trees.actions import ActionSpec, BoxActions
@@ -18,6 +23,15 @@ TEST = 0x7E57
 Purpose: TypeAlias = Literal["test", "validation", "distill", "refine"]
 WORDS: dict[Purpose, int] = {"test": TEST, "validation": 0x7A11D, "distill": 0xD157, "refine": 0x5EF1}
 """Part of every seed of episodes played for that."""
+PLAYING: dict[Purpose, str] = {
+    "test": "evaluation",
+    "validation": "validation",
+    "distill": "distillation",
+    "refine": "the search",
+}
+"""What plays episodes for that."""
+FEW = 5
+"""Fewer test episodes may be the same by chance."""
 
 Act: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """From flat observations ``[batch, features]`` to as many actions, as the environment takes them."""
@@ -50,17 +64,113 @@ def play(
     deterministic: bool = True,
     purpose: Purpose = "test",
 ) -> Episodes:
-    """Play episodes side by side, one environment each, so that the policy answers them in batches.
+    """Play episodes side by side on a bounded number of copies, so that the policy answers them in batches.
 
-    Another ``purpose`` is another set of episodes, whatever the seed.
+    A copy whose episode has ended takes the next one. How many copies there are (`open_copies`) changes nothing for
+    a deterministic policy; one that samples draws its noise in the order in which the episodes are played.
+
+    Another ``purpose`` is another set of episodes, whatever the seed. Warns where episodes are cut, and where test
+    episodes of a deterministic policy are all the same.
     """
     require_host(spec)
     act = acting(policy, spec, deterministic, np.random.default_rng([seed, WORDS[purpose]]))
     seeds = [episode_seed(seed, episode, purpose) for episode in range(num_episodes)]
-    if spec.has_one_copy:
-        one = [_play(act, spec, [episode]) for episode in seeds]
-        return Episodes(*(np.concatenate(parts) for parts in zip(*one, strict=True)))
-    return _play(act, spec, seeds)
+    with open_copies(spec, num_episodes) as copies:
+        played = play_side_by_side(lambda _, x: act(x), spec, copies, seeds)
+    if played.were_cut:
+        warn_of_cut(spec.name, PLAYING[purpose], limit_of(spec))
+    episodes = Episodes(played.returns, played.lengths, played.step_by_step())
+    if deterministic and purpose == "test" and _are_the_same(episodes):
+        warn_of_same_episodes(spec.name, num_episodes)
+    return episodes
+
+
+class SideBySide(NamedTuple):
+    """What episodes brought that were played side by side, and what was seen in them in the order of playing."""
+
+    returns: np.ndarray
+    lengths: np.ndarray
+    were_cut: bool
+    episode: np.ndarray
+    """Of each observation, the episode that it was made in."""
+    observations: np.ndarray
+
+    def step_by_step(self) -> np.ndarray:
+        """The observations: the first of every episode, then the second of those that have one, and so on."""
+        by_episode = np.argsort(self.episode, kind="stable")
+        step = np.concatenate([np.arange(length) for length in self.lengths])
+        return self.observations[by_episode[np.argsort(step, kind="stable")]]
+
+    def one_by_one(self) -> np.ndarray:
+        """The observations, one episode after the other."""
+        return self.observations[np.argsort(self.episode, kind="stable")]
+
+
+def play_side_by_side(
+    act: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    spec: EnvSpec,
+    copies: Sequence[gymnasium.Env],
+    seeds: Sequence[int],
+    *,
+    limit: int | None = None,
+    watch: bool = True,
+) -> SideBySide:
+    """Play an episode for each seed; a copy whose episode has ended takes the next one.
+
+    Args:
+        act: From the numbers of the episodes that are going on, and their flat observations, to as many actions.
+        spec: What the copies are copies of.
+        copies: Where to play.
+        seeds: What to reset them with. The numbers of the episodes are their places here.
+        limit: Steps after which an episode is cut, by default `limit_of`.
+        watch: Whether to keep the observations; without, there are none.
+    """
+    returns, lengths, were_cut = np.zeros(len(seeds)), np.zeros(len(seeds), int), False
+    limit = limit or limit_of(spec)
+    waiting, free = iter(range(len(seeds))), deque(copies)
+    running: dict[int, gymnasium.Env] = {}
+    last: dict[int, Any] = {}
+    seen = [(np.zeros(0, int), np.zeros((0, len(spec.features.names)), np.float32))]
+    while True:
+        for episode in islice(waiting, len(free)):
+            running[episode] = env = free.popleft()
+            last[episode] = begin(env, seed=seeds[episode])
+        if not running:
+            break
+        episodes = np.array([*running])
+        x = spec.features.flatten_each([last[episode] for episode in running])
+        if watch:
+            seen.append((episodes, x))
+        for episode, action in zip(episodes.tolist(), act(episodes, x), strict=True):
+            last[episode], reward, terminated, truncated = advance(running[episode], action)
+            returns[episode] += reward
+            lengths[episode] += 1
+            ended = terminated or truncated
+            if ended or lengths[episode] >= limit:
+                were_cut = were_cut or not ended
+                free.append(running.pop(episode))
+                del last[episode]
+    return SideBySide(
+        returns, lengths, were_cut, *(np.concatenate(parts) for parts in zip(*seen, strict=True))
+    )
+
+
+def limit_of(spec: EnvSpec) -> int:
+    """Steps after which an episode is cut that is only measured."""
+    return spec.max_episode_steps or MAX_EPISODE_STEPS
+
+
+def are_alike(returns: np.ndarray, lengths: np.ndarray) -> bool:
+    """Whether several episodes took equally long and earned the same, as one and the same would."""
+    return len(returns) >= FEW and not np.ptp(lengths) and not np.ptp(returns)
+
+
+def _are_the_same(episodes: Episodes) -> bool:
+    """Whether the same was observed, too, step by step."""
+    if not are_alike(episodes.returns, episodes.lengths):
+        return False
+    steps = episodes.observations.reshape(episodes.lengths[0], len(episodes.lengths), -1)
+    return bool((steps == steps[:, :1]).all())
 
 
 def acting(policy: Any, spec: EnvSpec, deterministic: bool, rng: np.random.Generator) -> Act:
@@ -84,30 +194,6 @@ def require_host(spec: EnvSpec) -> None:
             f"{spec.name} is written in JAX and has no form in Gymnasium to be evaluated on; give evaluate_policy "
             "a Gymnasium environment"
         )
-
-
-def _play(act: Act, spec: EnvSpec, seeds: Sequence[int]) -> Episodes:
-    assert spec.make_host is not None
-    envs = [spec.make_host() for _ in seeds]
-    observations = [env.reset(seed=seed)[0] for env, seed in zip(envs, seeds, strict=True)]
-    returns, lengths = np.zeros(len(envs)), np.zeros(len(envs), int)
-    limit = spec.max_episode_steps or MAX_EPISODE_STEPS
-    running, seen = list(range(len(envs))), []
-    while running:
-        x = spec.features.flatten_each([observations[i] for i in running])
-        seen.append(x)
-        still = []
-        for i, action in zip(running, act(x), strict=True):
-            observations[i], reward, terminated, truncated, _ = envs[i].step(action)
-            returns[i] += float(reward)
-            lengths[i] += 1
-            if not (terminated or truncated or lengths[i] >= limit):
-                still.append(i)
-        running = still
-    if not spec.has_one_copy:
-        for env in envs:
-            env.close()
-    return Episodes(returns, lengths, np.concatenate(seen))
 
 
 def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:

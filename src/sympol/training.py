@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 
 from .agents import Agent, Callback, Report, load_run
 from .algos.rules import LIMITS
-from .play import Episodes
+from .play import FEW, Episodes
 from .runs.about import versions
 from .runs.folder import Run
+from .runs.progress import decimals
 from .teachers import has_soft_tree, keep_soft_tree
 
 
@@ -68,6 +70,7 @@ def finish(
             "episodes": len(tested.returns),
             "eval_seed": eval_seed,
         }
+        warn_of_noise(agent.spec.name, tested.returns, sampled.returns)
     if agent.has_tree:
         tree = agent.tree()
         run.save_tree(tree if tested is None else tree.with_visits(tested.observations))
@@ -75,6 +78,44 @@ def finish(
         with run.writing():
             summary |= keep_soft_tree(agent, run.path, None if tested is None else tested.observations)
     return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
+
+
+WORSE, BETTER = 0.4, 0.8
+"""By what share of the larger mean return a policy may be worse, or better, with its best actions than with sampled."""
+
+
+class NeedsNoise(UserWarning):
+    """A policy earns much more, or much less, where it samples its actions than where it takes the best."""
+
+
+def warn_of_noise(env_name: str, best: np.ndarray, sampled: np.ndarray) -> None:
+    """Warn where a policy's returns with its best actions are far from those with sampled actions.
+
+    Far is more than the spread of the returns, more than three standard errors, and more than `WORSE` of the larger
+    mean. Noise always costs something, and costs much early in a training: where sampling earns less, `BETTER` takes
+    the place of `WORSE`.
+    """
+    earned, by_chance = float(best.mean()), float(sampled.mean())
+    relies = by_chance > earned
+    apart, larger = abs(earned - by_chance), max(abs(earned), abs(by_chance))
+    few, spread = min(len(best), len(sampled)), np.hypot(best.std(), sampled.std())
+    far = max(spread / np.sqrt(2), 3 * spread / np.sqrt(few), (WORSE if relies else BETTER) * larger)
+    if few < FEW or apart <= far:
+        return
+    n = decimals(larger)
+    why = (
+        "so it relies on its noise, which the deterministic policy that is kept does not have. Train longer, let the "
+        "entropy bonus end as a price (--ent-end-factor -1), or allow a deeper tree (--depth)"
+        if relies
+        else "so training ended with much noise left, and has hardly improved the deterministic policy that is kept. "
+        "Train longer, or lower the entropy bonus (--ent-coef, --ent-end-factor)"
+    )
+    warnings.warn(
+        f"on {env_name} the policy earns {earned:,.{n}f} with its best actions and {by_chance:,.{n}f} with sampled "
+        f"ones, {why}",
+        NeedsNoise,
+        stacklevel=1,
+    )
 
 
 def _size(agent: Agent) -> dict[str, float]:

@@ -8,19 +8,24 @@ from typing import Any
 
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sympol.agents import agent_of
 from sympol.algos.collect_host import HostCollector, host_seed
 from sympol.algos.config import Config
 from sympol.algos.state import TrainState
 from sympol.algos.train import make_trainer
 from sympol.algos.train_host import HostTrainer
 from sympol.algos.trainer import Trainer
+from sympol.algos.validate import validation_limit
+from sympol.envs.doubts import EpisodesCut
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.policies.distributions import distribution_of
+from sympol.types import Step
 
 CONFIG = Config(
     depth=2,
@@ -190,6 +195,105 @@ def test_the_noise_of_the_policy_comes_from_keys_of_its_own():
         assert np.abs(actions[:, None] - noise.ravel()[None]).min(axis=0).max() > 1e-3
     mean = np.abs(np.asarray(state.networks.actor.leaf_values)).max()
     assert mean < 0.05
+
+
+class Endless(SignedReward):
+    """Pays for its first three steps, and never ends. Or ends by itself after ``length`` steps."""
+
+    def __init__(self, length: int | None = None) -> None:
+        super().__init__()
+        self.length, self.resets = length, 0
+
+    def reset(self, **options: Any) -> tuple[np.ndarray, dict]:
+        self.resets += 1
+        return super().reset(**options)
+
+    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict]:
+        observation, *_ = super().step(action)
+        return observation, float(self.time <= 3), self.time == self.length, False, {}
+
+
+def validate(*copies: Endless, **options: Any) -> tuple[float, HostCollector]:
+    """The return of a tree that has learnt nothing."""
+    left = iter(copies)
+    spec = resolve(lambda: next(left, copies[0]))
+    config = dataclasses.replace(CONFIG, num_envs=len(copies), **options)
+    state = HostTrainer(spec_of(), config, 0)._begin(config.hyperparameters(), np.uint32(0))
+    left = iter(copies)
+    collector = HostCollector(spec, distribution_of(spec.action_space), config)
+    for copy in copies:
+        copy.resets = copy.total = 0
+    return float(collector.validate(state, 0)), collector
+
+
+def test_where_validation_cuts_an_episode_the_next_is_another():
+    """Each of the eight pays 3; were the second of a copy the first going on, it would pay nothing."""
+    copies = [Endless() for _ in range(4)]
+    score, collector = validate(*copies)
+    assert (score, collector.was_cut, collector.limit) == (3.0, True, 1_000)
+    assert [copy.total for copy in copies] == [2_000] * 4  # and not 10,000 an episode
+    assert [copy.resets for copy in copies] == [3] * 4
+
+
+def test_an_episode_that_ends_at_the_limit_is_not_cut_and_who_has_played_enough_rests():
+    copies = [Endless(1_000), Endless(10), Endless(10)]
+    score, collector = validate(*copies, num_eval_episodes=6)
+    assert (score, collector.was_cut) == (3.0, False)
+    assert [copy.total for copy in copies] == [2_000, 20, 20]
+
+
+@pytest.mark.parametrize(
+    ("declared", "total", "num_evals", "episodes", "limit"),
+    [
+        (None, 16_384, 20, 32, 1_000),  # no less, however short the training
+        (None, 1_000_000, 20, 32, 1_562),  # 50,000 steps between two validations, and 50,000 of one
+        (None, 100_000_000, 20, 32, 10_000),
+        (500, 1_000_000, 20, 32, 500),
+        (50_000, 16_384, 20, 32, 50_000),
+    ],
+)
+def test_where_validation_cuts(declared, total, num_evals, episodes, limit):
+    config = Config(total_timesteps=total, num_evals=num_evals)
+    assert validation_limit(declared, config, episodes) == limit
+
+
+def test_a_training_says_once_that_validation_cuts():
+    options: dict[str, Any] = {"num_evals": 3, "num_eval_episodes": 4, "total_timesteps": 256}
+    config = dataclasses.replace(CONFIG, **options)
+    agent = agent_of(resolve(Endless), config, 0)
+    with pytest.warns(EpisodesCut) as said:
+        agent.learn(progress_bar=False)
+    assert [str(warning.message).split(";")[0] for warning in said] == [
+        "Endless did not end an episode within 1,000 steps, so validation cuts its episodes there and counts what "
+        "they earned until then"
+    ]
+    assert agent.state is not None
+    assert float(agent.state.validation.last_return) == 3.0
+
+
+class EndlessInJax:
+    """Observes the time and never ends; pays for the first three steps."""
+
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,))
+    action_space = gymnasium.spaces.Discrete(2)
+    max_episode_steps = None
+
+    def reset(self, key: Any) -> tuple[Any, Any]:
+        return jnp.zeros(1), jnp.zeros(1)
+
+    def step(self, key: Any, state: Any, action: Any) -> tuple[Any, Step]:
+        reward = jnp.where(state[0] < 3, 1.0, 0.0)
+        return state + 1, Step(state + 1, reward, jnp.bool_(False), jnp.bool_(False))
+
+
+def test_validation_in_the_compiled_program_cuts_as_early_and_says_so():
+    options: dict[str, Any] = {"num_evals": 2, "num_eval_episodes": 4, "total_timesteps": 256}
+    agent = agent_of(resolve(EndlessInJax()), dataclasses.replace(CONFIG, **options), 0)
+    with pytest.warns(EpisodesCut, match="EndlessInJax did not end an episode within 1,000 steps") as said:
+        agent.learn(progress_bar=False)
+    assert len(said) == 1
+    assert agent.state is not None
+    assert float(agent.state.validation.last_return) == 3.0
 
 
 def test_host_seeds_never_meet():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,7 +11,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from ..envs.env import MAX_EPISODE_STEPS
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..policies.actor import Actor
@@ -19,6 +19,7 @@ from ..types import Transition
 from .config import Config
 from .init import PURPOSES
 from .state import Normalizer, TrainState
+from .validate import validation_limit
 
 
 def host_seed(seed: int, purpose: str, timestep: int = 0) -> int:
@@ -32,9 +33,15 @@ class HostCollector:
 
     def __init__(self, spec: EnvSpec, distribution: Distribution, config: Config) -> None:
         self._config = config
-        self._envs = spec.host_envs(config.num_envs)
+        self._open = partial(spec.host_envs, config.num_envs)
+        self._envs = self._open()
+        self._is_closed = False
         self._observation = np.zeros((config.num_envs, len(spec.features.names)), np.float32)
-        self._max_episode_steps = spec.max_episode_steps
+        self._quota = -(-config.num_eval_episodes // config.num_envs)
+        self.limit = validation_limit(spec.max_episode_steps, config, self._quota * config.num_envs)
+        """Steps after which validation cuts an episode."""
+        self.was_cut = False
+        """Whether the last validation cut one."""
 
         # what a step needs of the policy, and a chunk of its noise, is worked out before: a step is all dispatch
         @jax.jit
@@ -63,7 +70,9 @@ class HostCollector:
         self._choose, self._draw, self._act, self._decide = choose, draw, act, decide
 
     def begin(self, seed: int, timestep: int) -> None:
-        """Start new episodes everywhere."""
+        """Start new episodes everywhere; after `close`, in new environments."""
+        if self._is_closed:
+            self._envs, self._is_closed = self._open(), False
         self._observation = self._envs.reset(host_seed(seed, "train", timestep))
 
     def collect(
@@ -101,26 +110,28 @@ class HostCollector:
         return rollout, self._observation
 
     def validate(self, state: TrainState, seed: int) -> np.float32:
-        """Mean return of the deterministic tree; every copy plays the same number of episodes."""
-        config = self._config
-        quota = -(-config.num_eval_episodes // config.num_envs)
-        running, played = np.zeros(config.num_envs), np.zeros(config.num_envs, int)
-        total, length = 0.0, np.zeros(config.num_envs, int)
-        limit = self._max_episode_steps or MAX_EPISODE_STEPS
+        """Mean return of the deterministic tree; every copy plays the same number of episodes.
+
+        An episode that reaches `limit` is cut there: its copy is reset, and the next one is an episode of its own.
+        """
+        num_envs, quota = self._config.num_envs, self._quota
+        running, played, total = np.zeros(num_envs), np.zeros(num_envs, int), 0.0
         policy = self._choose(state.networks.actor)
         observation = self._envs.reset(host_seed(seed, "validation"))
         while np.any(playing := played < quota):
             action = self._decide(policy, state.normalizer, observation)
-            step, observation = self._envs.step(np.asarray(action), playing)
-            running, length = running + step.reward, length + 1
-            done = step.terminated | step.truncated | (length >= limit)
+            step, observation = self._envs.step(np.asarray(action), playing, self.limit)
+            running = running + step.reward
+            done = step.terminated | step.truncated
             total += float(running[done & playing].sum())
-            played, running, length = played + done, np.where(done, 0, running), np.where(done, 0, length)
-        return np.float32(total / (quota * config.num_envs))
+            played, running = played + done, np.where(done, 0, running)
+        self.was_cut = self._envs.was_cut
+        return np.float32(total / (quota * num_envs))
 
     def close(self) -> None:
         """Close the environments."""
         self._envs.close()
+        self._is_closed = True
 
     def _buffer(self, transition: Transition) -> Transition:
         axes = (1 << self._config.max_stage, self._config.chunk_steps)

@@ -30,7 +30,7 @@ from .settle import settle, spread
 from .sharding import divide_envs
 from .start import plant
 from .state import Normalizer, TrainState, Warm, tree_where
-from .validate import validate
+from .validate import limit_in, validate
 
 LEARN = {"ppo": ppo.learn, "a2c": a2c.learn}
 
@@ -49,7 +49,8 @@ def make_segment(
     """
     distribution = distribution_of(env.action_space)
     scaling = normalizer_of(env.observation_space, config)
-    bounds = env.observation_space
+    bounds, num_episodes = env.observation_space, config.num_eval_episodes
+    limit = limit_in(env, config)
 
     def begin(hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
         state = init_state(config, distribution, scaling[0], hyper, seed)
@@ -57,7 +58,8 @@ def make_segment(
             state = state._replace(warm=Warm.create(config.depth))
         key, reset_key = jax.random.split(jax.random.wrap_key_data(state.key))
         env_state, observation = reset_envs(env, reset_key, config.num_envs)
-        return state._replace(key=jax.random.key_data(key), env_state=env_state, observation=observation)
+        state = state._replace(env_state=env_state, observation=observation, cut=jnp.bool_(False))
+        return state._replace(key=jax.random.key_data(key))
 
     def iteration(
         hyper: Hyperparameters, state: TrainState, rollout: Transition
@@ -87,8 +89,8 @@ def make_segment(
         )
         actor = state.networks.actor
         key, policy = purpose_key(seed, "validation"), actor.rollout()
-        score = validate(env, distribution, policy, state.normalizer, key, config.num_eval_episodes)
-        return with_score(config, state, score)
+        score, cut = validate(env, distribution, policy, state.normalizer, key, num_episodes, limit)
+        return with_score(config, state, score)._replace(cut=cut)
 
     shapes = jax.eval_shape(begin, config.hyperparameters(), np.uint32(0))
     return segment, jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), shapes)

@@ -163,6 +163,8 @@ class TrainState(NamedTuple):
     validation: Validation
     warm: Warm | None = None
     """None where training began with random networks."""
+    cut: Bool[Array, ""] | None = None
+    """Whether the last validation cut an episode; inside the compiled program only, and so in no checkpoint."""
 
 
 def tree_where(condition: Bool[Array, "*batch"], if_true: Any, if_false: Any) -> Any:

@@ -20,6 +20,7 @@ from .start import Start
 from .state import TrainState
 from .train_host import HostTrainer
 from .trainer import Compiled, Trainer
+from .validate import limit_in
 
 
 def stops(config: Config) -> list[int]:
@@ -39,6 +40,7 @@ class CompiledTrainer(Trainer):
             actor, warm = start.parameters(config, seed)
             self._begin_with = template._replace(networks=template.networks._replace(actor=actor), warm=warm)
         self._hyper, self._seed = config.hyperparameters(), np.uint32(seed)
+        self.limit = limit_in(env, config)
 
     def compile(self) -> float:
         """See `Trainer`."""
@@ -46,14 +48,17 @@ class CompiledTrainer(Trainer):
 
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """See `Trainer`."""
-        return self._program(*self._arguments(state, stop))
+        state = self._program(*self._arguments(state, stop))
+        self.was_cut = bool(state.cut)
+        return state._replace(cut=None)
 
     def template(self) -> TrainState:
         """See `Trainer`."""
-        return self._program.template
+        return self._program.template._replace(cut=None)
 
     def _arguments(self, state: TrainState | None, stop: int) -> tuple[Any, ...]:
         state, first = (self._begin_with, True) if state is None else (state, False)
+        state = state._replace(cut=np.bool_(False))
         if self._where is not None:
             state = put(state, self._where)
         return self._hyper, self._seed, state, np.bool_(first), np.int32(stop)

@@ -38,6 +38,7 @@ class HostTrainer(Trainer):
         distribution = self._distribution = distribution_of(spec.action_space)
         scaling = normalizer_of(spec.features, config)
         self._collector = HostCollector(spec, distribution, config)
+        self.limit = self._collector.limit
 
         planted = None if start is None else start.parameters(config, seed)
 
@@ -101,7 +102,9 @@ class HostTrainer(Trainer):
             if int(now.timestep) < stop:  # the last one counts once it is validated
                 self.latest = now
         with _named_step(now, "in validation"):
-            return self._judge(now, self._collector.validate(now, self._seed))
+            score = self._collector.validate(now, self._seed)
+        self.was_cut = self._collector.was_cut
+        return self._judge(now, score)
 
     def close(self) -> None:
         """Close the environments."""

@@ -24,6 +24,12 @@ class Trainer(abc.ABC):
     latest: TrainState | None = None
     """What a segment that failed had come to by its last update, where the host has seen one."""
 
+    limit: int
+    """Steps after which validation cuts an episode."""
+
+    was_cut = False
+    """Whether the last validation cut one."""
+
     @abc.abstractmethod
     def compile(self) -> float:
         """Compile, unless this process has done so before; the seconds it took."""
@@ -37,7 +43,7 @@ class Trainer(abc.ABC):
         """A state of the right shapes, its values of no meaning."""
 
     def close(self) -> None:  # noqa: B027  (nothing to close inside a compiled program)
-        """Let go of what the host holds."""
+        """Let go of what the host holds; `advance` takes hold of it again."""
 
 
 class Compiled:

@@ -8,10 +8,30 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float, Int, PRNGKeyArray
+from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from ..envs.env import MAX_EPISODE_STEPS, Env
 from ..policies.distributions import Distribution
+from .config import Config
+
+SHORTEST_CUT = 1_000
+"""No episode is cut before that many steps, however short the training."""
+
+
+def validation_limit(declared: int | None, config: Config, num_episodes: int) -> int:
+    """Steps after which validation cuts an episode.
+
+    This is the time limit that an environment declares. Where it declares none, a validation of ``num_episodes`` that
+    never end takes as many steps as the training between two validations, but no episode is cut before `SHORTEST_CUT`
+    steps or goes on after `MAX_EPISODE_STEPS`.
+    """
+    share = config.total_timesteps // config.num_evals // num_episodes
+    return declared or min(max(share, SHORTEST_CUT), MAX_EPISODE_STEPS)
+
+
+def limit_in(env: Env, config: Config) -> int:
+    """`validation_limit` of an environment written in JAX."""
+    return validation_limit(getattr(env, "max_episode_steps", None), config, config.num_eval_episodes)
 
 
 def validate(
@@ -21,9 +41,12 @@ def validate(
     normalize: Callable[[Array], Array],
     key: PRNGKeyArray,
     num_episodes: int,
-) -> Float[Array, ""]:
-    """Mean undiscounted return of the deterministic policy over a number of episodes."""
-    limit = getattr(env, "max_episode_steps", MAX_EPISODE_STEPS)
+    limit: int,
+) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+    """Mean undiscounted return of the deterministic policy over a number of episodes.
+
+    Episodes are cut after ``limit`` steps; also returned is whether one was.
+    """
     reset_keys, step_keys = jax.random.split(key, (2, num_episodes))
     env_state, observation = jax.vmap(env.reset)(reset_keys)
 
@@ -40,4 +63,5 @@ def validate(
         return time + 1, env_state, step.observation, done | step.terminated | step.truncated, total
 
     start = (jnp.int32(0), env_state, observation, jnp.zeros(num_episodes, bool), jnp.zeros(num_episodes))
-    return jnp.mean(jax.lax.while_loop(running, one_step, start)[-1])
+    *_, done, total = jax.lax.while_loop(running, one_step, start)
+    return jnp.mean(total), ~jnp.all(done)

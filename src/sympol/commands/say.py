@@ -61,9 +61,10 @@ for _console in (out, err):
 
 @contextlib.contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Bad input is one line on the error stream and status 2; so are failures, with status 1."""
+    """Bad input is one line on the error stream and status 2; so are failures, with status 1, and warnings."""
     try:
-        yield
+        with warnings_in_one_line():
+            yield
     except WriteError as error:
         print_error(error)
         raise SystemExit(1) from None

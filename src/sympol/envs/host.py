@@ -143,15 +143,29 @@ class HostEnvs:
     """``num_envs`` copies of a Gymnasium environment, reset by themselves when an episode ends."""
 
     def __init__(self, make: Callable[[], gymnasium.Env], num_envs: int, features: Features):
-        """Make the copies. ``features`` describes the observation space of each."""
+        """Make the copies. ``features`` describes the observation space of each.
+
+        Raises EnvironmentFailure where the first can be made and a later one cannot; those made before are closed.
+        """
         self._names = features.names
         makers = [_Maker(make, index, features) for index in range(num_envs)]
-        self._envs = SyncVectorEnv(makers, copy=False, autoreset_mode=AutoresetMode.SAME_STEP)
+        try:
+            self._envs = SyncVectorEnv(makers, copy=False, autoreset_mode=AutoresetMode.SAME_STEP)
+        except BaseException:
+            for maker in makers:
+                maker.close()
+            raise
+        self._copies: Any = self._envs.envs
 
     @property
     def num_envs(self) -> int:
         """Number of copies, E."""
         return self._envs.num_envs
+
+    @property
+    def was_cut(self) -> bool:
+        """Whether `step` has cut an episode at its ``max_steps`` since `reset`."""
+        return any(copy.was_cut for copy in self._copies)
 
     def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
         """Start an episode in every copy.
@@ -162,14 +176,21 @@ class HostEnvs:
         seeds: list[int | None] = [
             word & ~1 for word in np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()
         ]
+        for copy in self._copies:
+            copy.was_cut = False
         observation, _ = self._envs.reset(seed=seeds)
         require_held("an observation", observation, self._names)
         return observation.copy()
 
     def step(
-        self, actions: Shaped[ndarray, "envs ..."], wanted: Bool[ndarray, " envs"] | None = None
+        self,
+        actions: Shaped[ndarray, "envs ..."],
+        wanted: Bool[ndarray, " envs"] | None = None,
+        max_steps: int | None = None,
     ) -> tuple[Step, Float32[ndarray, "envs features"]]:
-        """Take one step in every copy. Copies that are not ``wanted`` need not step; their rows mean nothing.
+        """Take one step in every copy, or in those ``wanted``; the rows of the others mean nothing.
+
+        An episode that has come to ``max_steps`` steps and does not end by itself is truncated.
 
         The actions are the policy's: int32 ``[E]`` or ``[E, k]`` counted from zero, or float32 ``[E, A]`` or
         ``[E, *shape]`` within the bounds. Returns the step, with the true last observation of every episode
@@ -178,6 +199,8 @@ class HostEnvs:
         Raises EnvironmentFailure if a copy raises, or returns NaN or infinity.
         """
         actions = native_actions(self._envs.single_action_space, actions)
+        for index, copy in enumerate(self._copies):
+            copy.max_steps, copy.rests = max_steps, wanted is not None and not wanted[index]
         observation, reward, terminated, truncated, info = self._envs.step(actions)
         next_observation = observation.copy()
         last_observation = observation.copy()
@@ -200,28 +223,53 @@ class _Maker:
 
     def __init__(self, make: Callable[[], gymnasium.Env], index: int, features: Features):
         self.make, self.index, self.features = make, index, features
+        self.made: gymnasium.Env | None = None
 
     def __call__(self) -> gymnasium.Env:
-        return _FlatEnv(self.make(), self.index, self.features)
+        try:
+            self.made = _FlatEnv(self.make(), self.index, self.features)
+        except Exception as error:
+            if self.index == 0:
+                raise
+            raise EnvironmentFailure(
+                f"num_envs must be at most {self.index}, as copy {self.index + 1} of the environment cannot be made "
+                f"beside the others: {type(error).__name__}: {error}"
+            ) from error
+        return self.made
+
+    def close(self) -> None:
+        if self.made is not None:
+            self.made.close()
 
 
 class _FlatEnv(gymnasium.Wrapper):
     """Flattens the observation, into a new array: an environment may reuse its own at the next reset.
 
     Its ``info`` goes no further: Gymnasium would make one array of what all copies say, which need not fit together.
+    An episode is truncated after ``max_steps`` steps; while the copy ``rests``, a step does nothing.
     """
 
     def __init__(self, env: gymnasium.Env, index: int, features: Features):
         super().__init__(env)
         self.who, self.features = f"environment {index}", features
         self.observation_space = Box(features.low, features.high, dtype=np.float32)
+        self.max_steps: int | None = None
+        self.was_cut, self.rests = False, False
+        self._steps, self._last = 0, np.zeros(0, np.float32)
 
     def reset(self, **options: Any) -> tuple[Float32[ndarray, " features"], dict[str, Any]]:
-        return self._flatten(begin(self.env, self.who, **options)), {}
+        self._steps, self._last = 0, self._flatten(begin(self.env, self.who, **options))
+        return self._last, {}
 
     def step(self, action: Any) -> tuple[Float32[ndarray, " features"], float, bool, bool, dict[str, Any]]:
+        if self.rests:
+            return self._last, 0.0, False, False, {}
         observation, reward, terminated, truncated = advance(self.env, action, self.who)
-        return self._flatten(observation, action), reward, terminated, truncated, {}
+        self._steps, self._last = self._steps + 1, self._flatten(observation, action)
+        if self.max_steps is not None and self._steps >= self.max_steps:
+            self.was_cut = self.was_cut or not (terminated or truncated)
+            truncated = truncated or not terminated
+        return self._last, reward, terminated, truncated, {}
 
     def _flatten(self, observation: Any, *after: Any) -> Float32[ndarray, " features"]:
         try:

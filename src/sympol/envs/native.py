@@ -66,6 +66,11 @@ class NativeEnvs:
         """Number of copies, E."""
         return self._num_envs
 
+    @property
+    def was_cut(self) -> bool:
+        """As in `HostEnvs`: never, since these environments have a time limit of their own."""
+        return False
+
     def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
         """Start an episode in every copy, each with a seed of its own out of this one.
 
@@ -78,9 +83,15 @@ class NativeEnvs:
         return self._flights.observation.copy()
 
     def step(
-        self, actions: Shaped[ndarray, "envs ..."], wanted: Bool[ndarray, " envs"] | None = None
+        self,
+        actions: Shaped[ndarray, "envs ..."],
+        wanted: Bool[ndarray, " envs"] | None = None,
+        max_steps: int | None = None,
     ) -> tuple[Step, Float32[ndarray, "envs features"]]:
-        """Take one step in every copy, or in those ``wanted``; otherwise as `HostEnvs.step`."""
+        """Take one step in every copy, or in those ``wanted``; otherwise as `HostEnvs.step`.
+
+        ``max_steps`` is not looked at: the landers have a time limit of their own.
+        """
         assert self._flights is not None, "reset() comes first"
         from .lunar_lander.flights import engines
 

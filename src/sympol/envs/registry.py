@@ -17,6 +17,7 @@ from ..trees.groups import Group
 from . import minigrid
 from .acrobot import Acrobot
 from .cartpole import CartPole
+from .doubts import warn_of_environment
 from .env import Env
 from .equality import step_limit
 from .host import EnvironmentFailure, MissingExtra
@@ -164,7 +165,7 @@ def resolve(
         offers = (given, getattr(entry, what), getattr(example, what, None), known.get(what))
         return next((offer for offer in offers if offer is not None), None)
 
-    return EnvSpec(
+    spec = EnvSpec(
         name=name,
         env=kept_to_protocol(jax_env) if jax_env is not None and in_jax else None,
         make_host=make_host,
@@ -184,6 +185,8 @@ def resolve(
         find_origin=find_origin,
         find_copies=find_copies,
     )
+    warn_of_environment(example, name, len(spec.features.names))
+    return spec
 
 
 class _Source(NamedTuple):

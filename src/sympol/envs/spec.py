@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, repeat
 from typing import Any, Literal, TypeAlias
@@ -50,6 +50,7 @@ class EnvSpec:
     actions: ActionSpec
     max_episode_steps: int | None
     has_one_copy: bool = False  # make_host returns the user's own object, each time
+    most_copies: int = 16  # open at once where whole episodes are played
     is_native: bool = False
     all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
     find_origin: Callable[[], Origin] = Origin
@@ -86,6 +87,13 @@ class EnvSpec:
         if self.env is not None:
             return "jax"
         return "native" if self.is_native else "host"
+
+    def trained_with(self, num_envs: int) -> EnvSpec:
+        """The same environment for whoever trains on ``num_envs`` copies: no more of them are ever open at once.
+
+        Where it is not Gymnasium that is trained on, their number says nothing about Gymnasium's.
+        """
+        return replace(self, most_copies=min(self.most_copies, num_envs)) if self.backend == "host" else self
 
     def host_envs(self, num_envs: int) -> HostEnvs | NativeEnvs:
         """Make copies to step together on the host. Raises ValueError where that many cannot be made."""

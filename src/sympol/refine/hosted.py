@@ -1,29 +1,22 @@
-"""The arena of an environment that only Gymnasium has: copies stepped one after the other, answered together.
-
-Where an episode is over, its copy begins the next one.
-"""
+"""The arena of an environment that only Gymnasium has: copies stepped one after the other, answered together."""
 
 from __future__ import annotations
 
+import contextlib
+import weakref
 from collections.abc import Sequence
-from itertools import islice
-from typing import Any
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float32
 from numpy import ndarray
 
-from ..envs.env import MAX_EPISODE_STEPS
-from ..envs.host import advance, begin
+from ..envs.copies import open_copies
 from ..envs.spec import EnvSpec
-from ..play import episode_seed
+from ..play import SideBySide, episode_seed, limit_of, play_side_by_side
 from ..trees import DecisionTree
 from .arena import Arena, Played, Purpose
 from .packed import Packed, answers
-
-AT_ONCE = 128
-"""Episodes that go on side by side, at most."""
 
 
 class HostArena(Arena):
@@ -35,56 +28,34 @@ class HostArena(Arena):
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
         super().__init__(spec, seed, purpose)
-        self._limit = spec.max_episode_steps or MAX_EPISODE_STEPS
-        self._at_once = 1 if spec.has_one_copy else AT_ONCE
-        self._idle: list[gymnasium.Env] = []
+        self._limit = limit_of(spec)
+        self._copies: Sequence[gymnasium.Env] | None = None
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
-        returns, lengths, _ = self._run(trees, episodes, watch=False)
-        return Played(returns, lengths)
+        played, shape = self._run(trees, episodes, watch=False), (len(trees), len(episodes))
+        return Played(
+            played.returns.reshape(shape).astype(np.float32),
+            played.lengths.reshape(shape).astype(np.int32),
+        )
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
-        return self._run([tree], episodes, watch=True)[2]
+        return self._run([tree], episodes, watch=True).one_by_one()
 
-    def _run(self, trees: Sequence[DecisionTree], episodes: range, *, watch: bool) -> tuple[ndarray, ...]:
+    def _run(self, trees: Sequence[DecisionTree], episodes: range, *, watch: bool) -> SideBySide:
         packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
         does = answers(packed, self.spec)
-        seeds = [episode_seed(self.seed, episode, self.purpose) for episode in episodes] * len(trees)
-        returns, lengths = np.zeros(len(seeds)), np.zeros(len(seeds), np.int32)
-        waiting = iter(range(len(seeds)))
-        running: dict[int, gymnasium.Env] = {}
-        last: dict[int, Any] = {}
-        seen: list[tuple[ndarray, ndarray]] = []
-        while True:
-            for job in islice(waiting, self._at_once - len(running)):
-                running[job] = env = self._copy()
-                last[job] = begin(env, seed=seeds[job])
-            if not running:
-                break
-            jobs = np.array([*running])
-            x = self.spec.features.flatten_each([last[job] for job in running])
-            if watch:
-                seen.append((jobs, x))
+
+        def act(jobs: ndarray, x: ndarray) -> ndarray:
             tree = jobs // len(episodes)
-            for job, action in zip(jobs.tolist(), does[tree, packed.apply(tree, x)], strict=True):
-                last[job], reward, terminated, truncated = advance(running[job], action)
-                returns[job] += reward
-                lengths[job] += 1
-                if terminated or truncated or lengths[job] >= self._limit:
-                    self._idle.append(running.pop(job))
-        shape = len(trees), len(episodes)
-        return returns.reshape(shape).astype(np.float32), lengths.reshape(shape), _in_order(seen)
+            return does[tree, packed.apply(tree, x)]
 
-    def _copy(self) -> gymnasium.Env:
-        assert self.spec.make_host is not None
-        return self._idle.pop() if self._idle else self.spec.make_host()
+        seeds = [episode_seed(self.seed, episode, self.purpose) for episode in episodes] * len(trees)
+        return play_side_by_side(act, self.spec, self._opened(), seeds, limit=self._limit, watch=watch)
 
-
-def _in_order(
-    seen: Sequence[tuple[Int[ndarray, " copies"], Float32[ndarray, "copies features"]]],
-) -> Float32[ndarray, "steps features"]:
-    """What was seen, one episode after the other."""
-    if not seen:
-        return np.zeros((0, 0), np.float32)
-    jobs, rows = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    return rows[np.argsort(jobs, kind="stable")]
+    def _opened(self) -> Sequence[gymnasium.Env]:
+        """The copies, opened when they are first needed and closed with the arena."""
+        if self._copies is None:
+            stack = contextlib.ExitStack()
+            self._copies = stack.enter_context(open_copies(self.spec, self.spec.most_copies))
+            weakref.finalize(self, stack.close)
+        return self._copies

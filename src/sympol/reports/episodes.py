@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 
 from ..agents import Agent
+from ..envs.copies import open_copies
 from ..envs.spec import EnvSpec
 from ..film.rendering import CannotRender, frame_of, rendering
 from ..film.steps import steps
@@ -70,7 +71,6 @@ def filmed(
 @contextlib.contextmanager
 def _shown(spec: EnvSpec) -> Iterator[tuple[gymnasium.Env, bool]]:
     """Make the environment, and say whether its frames are to be kept."""
-    assert spec.make_host is not None
     if drawing_of(spec) is None:
         with contextlib.ExitStack() as stack:
             try:
@@ -80,12 +80,8 @@ def _shown(spec: EnvSpec) -> Iterator[tuple[gymnasium.Env, bool]]:
             if env is not None:
                 yield env, True
                 return
-    env = spec.make_host()
-    try:
+    with open_copies(spec, 1) as (env,):
         yield env, False
-    finally:
-        if not spec.has_one_copy:
-            env.close()
 
 
 def _played(

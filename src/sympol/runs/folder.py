@@ -256,7 +256,8 @@ class Run:
             ) from error
         except (TypeError, ValueError) as error:
             raise RunError(f"{self.path / CONFIG}: {error}") from error
-        return replace(spec, is_native=True) if without_numba else spec
+        spec = replace(spec, is_native=True) if without_numba else spec
+        return spec.trained_with(self.config.num_envs)
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:

@@ -1,0 +1,36 @@
+"""Copies of a Gymnasium environment to play whole episodes on: a bounded number, and closed whatever happens."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import gymnasium
+
+from .spec import EnvSpec
+
+
+@contextlib.contextmanager
+def open_copies(spec: EnvSpec, wanted: int) -> Iterator[list[gymnasium.Env]]:
+    """Open at most ``wanted`` copies, and at most `EnvSpec.most_copies`; close them afterwards.
+
+    There may be fewer. An environment that needs a licence or a port for each copy raises an error when there is none
+    left; the copies opened before are enough, as episodes are the same on any number of them. Where not even the first
+    can be opened, the error is raised. An object that is the only copy stays open.
+    """
+    assert spec.make_host is not None
+    if spec.has_one_copy:
+        yield [spec.make_host()]
+        return
+    with contextlib.ExitStack() as stack:
+        copies: list[gymnasium.Env] = []
+        for _ in range(min(wanted, spec.most_copies)):
+            try:
+                env = spec.make_host()
+            except Exception:
+                if not copies:
+                    raise
+                break
+            stack.callback(env.close)
+            copies.append(env)
+        yield copies
