@@ -122,6 +122,8 @@ class Agent(abc.ABC):
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
         """What the last `learn` spent compiling."""
+        self.is_training = False
+        """Whether `learn` has compiled its program and takes steps."""
         self._warned = False
         self._rng = np.random.default_rng(self.seed)
         self._trees: dict[tuple[int, bool], DecisionTree] = {}
@@ -162,11 +164,13 @@ class Agent(abc.ABC):
         try:
             with ProgressBar(self.config.total_timesteps, self.num_timesteps, show=progress_bar) as bar:
                 self.compile_seconds = trainer.compile()
+                self.is_training = True
                 self._learn(trainer, callbacks, bar)
         except BaseException:
             self.state = trainer.latest or self.state
             raise
         finally:
+            self.is_training = False
             trainer.close()
         return self
 

@@ -18,6 +18,7 @@ from rich.markup import escape
 
 from ..envs.host import EnvironmentFailure
 from ..experiments.workers import TasksFailed
+from ..interrupts import interrupts
 from ..runs.about import RunError
 from ..runs.progress import decimals
 
@@ -27,9 +28,13 @@ err = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
 
 @contextlib.contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Bad input is one line on the error stream and status 2; so are failures, with status 1."""
+    """Bad input is one line on the error stream and status 2; so are failures, with status 1, and Ctrl-C, with 130."""
     try:
-        yield
+        try:
+            yield
+        except Exception:
+            interrupts.check()  # Ctrl-C during an import, say, can come out as another error
+            raise
     except (RunError, ValueError) as error:  # ConfigError and UnknownEnvironment are ValueErrors
         print_error(error)
         raise SystemExit(2) from None
@@ -37,8 +42,8 @@ def one_line_errors() -> Iterator[None]:
         print_error(error)
         raise SystemExit(1) from None
     except KeyboardInterrupt:
-        err.print("interrupted")
-        raise SystemExit(130) from None
+        print_stopped("interrupted")
+        raise SystemExit(interrupts.status) from None
 
 
 def print_error(error: BaseException) -> None:
@@ -49,6 +54,12 @@ def print_error(error: BaseException) -> None:
 def print_warning(warning: Warning | str) -> None:
     """What does not end it, idem."""
     err.print(f"[bold yellow]warning:[/] {_one_line(warning)}")
+
+
+def print_stopped(line: str) -> None:
+    """The line that ends a command after Ctrl-C, unless there has been one."""
+    if interrupts.take_last_word():
+        err.print(line, markup=False)
 
 
 @contextlib.contextmanager
