@@ -84,7 +84,7 @@ def start(*arguments: str | Path, folder: Path) -> subprocess.Popen[str]:
         "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
         "JAX_DISABLE_MOST_OPTIMIZATIONS": "true",
-        "PYTHONPATH": str(Path(__file__).parent),
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), str(Path(sympol.__file__).parents[1])]),
         "SYMPOL_CACHE_DIR": "",
     }
     command = [sys.executable, "-m", "sympol.cli", *map(str, arguments)]

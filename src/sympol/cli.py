@@ -6,6 +6,7 @@ The commands are thin: each parses its arguments, calls the verbs, and prints.
 from __future__ import annotations
 
 import io
+import logging
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -47,6 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is not None:
         return _run(list(argv))
     interrupts.listen()
+    logging.getLogger("matplotlib").setLevel(
+        logging.ERROR
+    )  # without a home it keeps nothing, and need not say so
     try:
         status = _run(sys.argv[1:])
     except SystemExit as stop:

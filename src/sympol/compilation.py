@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import threading
+import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
@@ -14,16 +16,41 @@ import jax
 T = TypeVar("T")
 
 
+_PROBE = 1 << 20
+"""Bytes that must fit on the disk for anything to be kept there: the order of one compiled program."""
+
+
 def cache_folder() -> Path | None:
-    """``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``; None where that variable is empty, and nothing is kept."""
-    folder = os.environ.get("SYMPOL_CACHE_DIR", str(Path.home() / ".cache" / "sympol"))
-    return Path(folder) if folder else None
+    """``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``, made if necessary; None where nothing can be kept.
+
+    That is where the variable is empty, where this user has no home, and where the folder cannot be written or its disk
+    is full. If the folder is one that the user has named, there is a warning.
+    """
+    named = os.environ.get("SYMPOL_CACHE_DIR")
+    if named == "":
+        return None
+    try:
+        folder = Path.home() / ".cache" / "sympol" if named is None else Path(named)
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(_PROBE))
+    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
+        if named is not None:
+            warnings.warn(
+                f"compiled programs are not kept: SYMPOL_CACHE_DIR is {named}, which cannot be written "
+                f"({getattr(error, 'strerror', None) or error}); name another folder, or set it to nothing",
+                stacklevel=2,
+            )
+        return None
+    return folder
 
 
 def use_disk_cache() -> None:
     """Keep JAX's programs in the `cache_folder`, unless JAX has its own place."""
+    if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+        return
     folder = cache_folder()
-    if folder is None or jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+    if folder is None:
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
