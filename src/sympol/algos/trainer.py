@@ -11,6 +11,7 @@ from typing import Any
 import jax
 
 from ..compilation import in_own_thread
+from .memory import require_room
 from .state import TrainState
 
 COMPILER_OPTIONS: dict[str, bool | str] = {
@@ -60,7 +61,9 @@ class Compiled:
             self._compiling = in_own_thread(lambda: lowered.compile(COMPILER_OPTIONS))
         wait([self._compiling])
         compiling, self._compiling = self._compiling, None
-        self._executable = compiling.result()
+        executable = compiling.result()
+        require_room(executable)
+        self._executable = executable
         return time.perf_counter() - began
 
     def __call__(self, *arguments: Any) -> TrainState:
