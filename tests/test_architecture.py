@@ -30,7 +30,7 @@ BELOW: dict[str, set[str]] = {
     "evaluate": {"types", "envs", "trees", "film", "play"},
     "runs": {"types", "envs", "trees", "algos"},
     "serving": {"envs", "trees", "play"},
-    "refine": {"types", "policies", "envs", "trees", "algos", "play", "threads"},
+    "refine": {"types", "policies", "envs", "trees", "algos", "play", "threads", "compilation"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""

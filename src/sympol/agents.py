@@ -149,6 +149,7 @@ class Agent(abc.ABC):
 
         Raises:
             ConfigError: it does not fit into memory; nothing has been trained.
+            RuntimeError: this process was forked from one in which JAX had computed.
             ValueError: it is trained already, or to be trained for another time than it was begun with.
         """
         if total_timesteps is not None and total_timesteps != self.config.total_timesteps:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import jax
+from jax._src import xla_bridge  # nothing public tells whether JAX has begun to compute
 
 T = TypeVar("T")
 
@@ -46,7 +47,11 @@ def cache_folder() -> Path | None:
 
 
 def use_disk_cache() -> None:
-    """Keep JAX's programs in the `cache_folder`, unless JAX has its own place."""
+    """Keep JAX's programs in the `cache_folder`, unless JAX has its own place.
+
+    Call it before a training; it raises RuntimeError where there can be none (`require_no_fork`).
+    """
+    require_no_fork()
     if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
         return
     folder = cache_folder()
@@ -73,3 +78,26 @@ def in_own_thread(work: Callable[[], T]) -> Future[T]:
 
     threading.Thread(target=run, name="compiling").start()
     return result
+
+
+_forked = False
+"""Whether this process was forked from one in which JAX had begun to compute."""
+
+
+def _note_fork() -> None:
+    global _forked
+    _forked = xla_bridge.backends_are_initialized()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_note_fork)
+
+
+def require_no_fork() -> None:
+    """Raise RuntimeError where JAX would wait for ever: its threads stayed behind when this process was forked."""
+    if _forked:
+        raise RuntimeError(
+            "JAX cannot compute in a process that was forked from one in which it had computed; start the process "
+            "anew with multiprocessing.get_context('spawn'), or fork before anything is trained (trees need no JAX: "
+            "they predict in any process)"
+        )
