@@ -1,4 +1,4 @@
-"""A process forked after a training: trees predict there as everywhere, and what needs JAX says so and does not hang."""
+"""In a process forked after a training trees predict as everywhere, and what needs JAX says so and does not hang."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import warnings
@@ -77,7 +78,7 @@ def test_machine_code_runs_where_it_cannot_be_kept(monkeypatch, tmp_path):
     folder.mkdir()
     monkeypatch.setattr(machine, "_FOLDER", str(folder))
     add = machine.compiled(_add)
-    folder.rmdir()
+    shutil.rmtree(folder)
     folder.write_text("in the way")  # as a disk that has become full since, writing fails
     assert add(2, 3) == 5
 

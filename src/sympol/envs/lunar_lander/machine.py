@@ -47,13 +47,16 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 def _keep_if_possible(cache: Any) -> None:
     """A disk that has become full, or was taken away, is no reason not to run what has been compiled."""
-    save = cache.save_overload
 
-    def save_overload(*overload: Any) -> None:
-        with contextlib.suppress(OSError):
-            save(*overload)
+    def forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            with contextlib.suppress(OSError):
+                return method(*arguments)
+            return None  # nothing is kept
 
-    cache.save_overload = save_overload
+        return call
+
+    cache.load_overload, cache.save_overload = forgiving(cache.load_overload), forgiving(cache.save_overload)
 
 
 def inlined(function: Callable[..., Any]) -> Any:

@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from ...compilation import require_no_fork
+
 if TYPE_CHECKING:
     from .core import GridState, MiniGrid
 
