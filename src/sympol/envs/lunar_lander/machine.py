@@ -37,7 +37,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     division by zero is none of Python's affairs. Others may run meanwhile."""
     kept, _config.CACHE_DIR = _config.CACHE_DIR, _FOLDER
     try:
-        dispatcher = njit(cache=bool(_FOLDER), error_model="numpy", nogil=True)(function)
+        dispatcher: Any = njit(cache=bool(_FOLDER), error_model="numpy", nogil=True)(function)
     finally:
         _config.CACHE_DIR = kept
     if _FOLDER:
