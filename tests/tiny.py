@@ -77,15 +77,16 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path, status: 
     return said.err
 
 
-def start(*arguments: str | Path, folder: Path) -> subprocess.Popen[str]:
-    """Start a command in a process of its own, with the same programs at hand."""
+def start(*arguments: str | Path, folder: Path, **variables: str) -> subprocess.Popen[str]:
+    """Start a command in a process of its own, with the same programs at hand; ``variables`` are its environment's."""
     environment = {
         **os.environ,
         "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
         "JAX_DISABLE_MOST_OPTIMIZATIONS": "true",
-        "PYTHONPATH": str(Path(__file__).parent),
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), str(Path(sympol.__file__).parents[1])]),
         "SYMPOL_CACHE_DIR": "",
+        **variables,
     }
     command = [sys.executable, "-m", "sympol.cli", *map(str, arguments)]
     pipes: dict[str, Any] = {

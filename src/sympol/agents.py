@@ -14,6 +14,7 @@ import numpy as np
 
 from .algos.bounds import kept_bounds, warn_of_bounds
 from .algos.config import Config
+from .algos.memory import require_memory
 from .algos.network import outputs
 from .algos.presets import DEFAULT, preset
 from .algos.report import metrics_of, require_finite
@@ -126,6 +127,8 @@ class Agent(abc.ABC):
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
         """What the last `learn` spent compiling."""
+        self.is_training = False
+        """Whether `learn` has compiled its program and takes steps."""
         self._warned = self._said_cut = False
         self._rng = np.random.default_rng(self.seed)
         self._trees: dict[tuple[int, bool], DecisionTree] = {}
@@ -147,6 +150,11 @@ class Agent(abc.ABC):
         An interrupted training (Ctrl-C, a callback, an environment that failed, a loaded checkpoint) goes on
         where it was. ``total_timesteps`` sets the whole length; schedules run over it, so it cannot change
         once training has begun.
+
+        Raises:
+            ConfigError: it does not fit into memory; nothing has been trained.
+            RuntimeError: this process was forked from one in which JAX had computed.
+            ValueError: it is trained already, or to be trained for another time than it was begun with.
         """
         if total_timesteps is not None and total_timesteps != self.config.total_timesteps:
             if self.state is not None:
@@ -162,15 +170,18 @@ class Agent(abc.ABC):
             )
         callbacks = [callback] if callable(callback) else list(callback or ())
         use_disk_cache()
+        require_memory(self.spec, self.config)
         trainer = make_trainer(self.spec, self.config, self.seed, self.start)
         try:
             with ProgressBar(self.config.total_timesteps, self.num_timesteps, show=progress_bar) as bar:
                 self.compile_seconds = trainer.compile()
+                self.is_training = True
                 self._learn(trainer, callbacks, bar)
         except BaseException:
             self.state = trainer.latest or self.state
             raise
         finally:
+            self.is_training = False
             trainer.close()
         return self
 

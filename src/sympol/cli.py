@@ -7,9 +7,15 @@ from __future__ import annotations
 
 import codecs
 import io
+import logging
+import signal
 import sys
 import unicodedata
 from collections.abc import Callable, Sequence
+
+from .interrupts import interrupts, say
+
+_INTERRUPTED = {128 + signal.SIGINT, 128 + signal.SIGTERM}
 
 USAGE = """\
 sympol: reinforcement learning whose policy is a decision tree you can read
@@ -87,11 +93,37 @@ codecs.register_error(_READABLE, _readable)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return the exit status: 0 good, 1 failed, 2 bad input, 130 interrupted."""
+    """Run one command; return the exit status: 0 good, 1 failed, 2 bad input, 130 interrupted.
+
+    Without ``argv`` the words are the process's own and the process is the command's: Ctrl-C ends it at any moment.
+    """
+    if argv is not None:
+        return _run(list(argv))
+    interrupts.listen()
+    logging.getLogger("matplotlib").setLevel(
+        logging.ERROR
+    )  # without a home it keeps nothing, and need not say so
+    try:
+        status = _run(sys.argv[1:])
+    except SystemExit as stop:
+        if stop.code not in _INTERRUPTED:
+            raise
+        status = stop.code
+    except BaseException:
+        if not interrupts.at_once:
+            raise
+        if interrupts.take_last_word():
+            say("interrupted")
+        status = interrupts.status
+    if status in _INTERRUPTED:
+        interrupts.leave(status)
+    return status
+
+
+def _run(arguments: list[str]) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal without ≤ gets <=, not an error
             stream.reconfigure(errors=_READABLE)
-    arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(USAGE, end="")
         return 0
@@ -106,7 +138,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if command is None:
         print(f"error: unknown command {arguments[0]!r}; there are {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
-    return command(arguments[1:])
+    with interrupts.heard(lambda number: True):  # from here on there may be something to close
+        return command(arguments[1:])
 
 
 if __name__ == "__main__":

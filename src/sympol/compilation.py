@@ -3,21 +3,101 @@
 from __future__ import annotations
 
 import os
+import tempfile
+import threading
+import warnings
+from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
+from typing import TypeVar
 
 import jax
+from jax._src import xla_bridge  # nothing public tells whether JAX has begun to compute
+
+T = TypeVar("T")
+
+
+_PROBE = 1 << 20
+"""Bytes that must fit on the disk for anything to be kept there: the order of one compiled program."""
 
 
 def cache_folder() -> Path | None:
-    """``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``; None where that variable is empty, and nothing is kept."""
-    folder = os.environ.get("SYMPOL_CACHE_DIR", str(Path.home() / ".cache" / "sympol"))
-    return Path(folder) if folder else None
+    """``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``, made if necessary; None where nothing can be kept.
+
+    That is where the variable is empty, where this user has no home, and where the folder cannot be written or its disk
+    is full. If the folder is one that the user has named, there is a warning.
+    """
+    named = os.environ.get("SYMPOL_CACHE_DIR")
+    if named == "":
+        return None
+    try:
+        folder = Path.home() / ".cache" / "sympol" if named is None else Path(named)
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(_PROBE))
+    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
+        if named is not None:
+            warnings.warn(
+                f"compiled programs are not kept: SYMPOL_CACHE_DIR is {named}, which cannot be written "
+                f"({getattr(error, 'strerror', None) or error}); name another folder, or set it to nothing",
+                stacklevel=2,
+            )
+        return None
+    return folder
 
 
 def use_disk_cache() -> None:
-    """Keep JAX's programs in the `cache_folder`, unless JAX has its own place."""
+    """Keep JAX's programs in the `cache_folder`, unless JAX has its own place.
+
+    Call it before a training; it raises RuntimeError where there can be none (`require_no_fork`).
+    """
+    require_no_fork()
+    if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+        return
     folder = cache_folder()
-    if folder is None or jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+    if folder is None:
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def in_own_thread(work: Callable[[], T]) -> Future[T]:
+    """Do ``work`` in a thread of its own, which comes to its end even if whoever waits for it is interrupted.
+
+    Where Ctrl-C strikes, JAX stops waiting for a compilation and leaves it to itself. If the process ends then, Python
+    takes JAX apart under a thread that still compiles, and the process dies of a segmentation fault. Python waits for
+    a thread of its own first; and whoever asks again, gets what it has compiled.
+    """
+    result: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            result.set_result(work())
+        except BaseException as error:
+            result.set_exception(error)
+
+    threading.Thread(target=run, name="compiling").start()
+    return result
+
+
+_forked = False
+"""Whether this process was forked from one in which JAX had begun to compute."""
+
+
+def _note_fork() -> None:
+    global _forked
+    _forked = xla_bridge.backends_are_initialized()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_note_fork)
+
+
+def require_no_fork() -> None:
+    """Raise RuntimeError where JAX would wait for ever: its threads stayed behind when this process was forked."""
+    if _forked:
+        raise RuntimeError(
+            "JAX cannot compute in a process that was forked from one in which it had computed; start the process "
+            "anew with multiprocessing.get_context('spawn'), or fork before anything is trained (trees need no JAX: "
+            "they predict in any process)"
+        )

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from ..compilation import require_no_fork
 from ..policies.actor import Actor
 from .state import Normalizer
 
@@ -21,6 +22,7 @@ def outputs(actor: Actor, normalizer: Normalizer, x: np.ndarray) -> np.ndarray:
 
     Batches are filled up to a power of two, so that few sizes ever compile.
     """
+    require_no_fork()
     size = 1 << max(0, len(x) - 1).bit_length()
     filled = np.zeros((size, x.shape[1]), np.float32)
     filled[: len(x)] = x

@@ -5,10 +5,13 @@ from __future__ import annotations
 import abc
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from typing import Any
 
 import jax
 
+from ..compilation import in_own_thread
+from .memory import require_room
 from .state import TrainState
 
 COMPILER_OPTIONS: dict[str, bool | str] = {
@@ -51,6 +54,7 @@ class Compiled:
 
     def __init__(self, function: Callable[..., TrainState], template: TrainState, **jit: Any) -> None:
         self._function, self._executable = jax.jit(function, **jit), None
+        self._compiling: Future[Any] | None = None
         self.template = template
 
     def compile(self, *arguments: Any) -> float:
@@ -58,7 +62,14 @@ class Compiled:
         if self._executable is not None:
             return 0.0
         began = time.perf_counter()
-        self._executable = self._function.lower(*arguments).compile(COMPILER_OPTIONS)
+        if self._compiling is None:  # else somebody was interrupted who waited for it
+            lowered = self._function.lower(*arguments)
+            self._compiling = in_own_thread(lambda: lowered.compile(COMPILER_OPTIONS))
+        wait([self._compiling])
+        compiling, self._compiling = self._compiling, None
+        executable = compiling.result()
+        require_room(executable)
+        self._executable = executable
         return time.perf_counter() - began
 
     def __call__(self, *arguments: Any) -> TrainState:

@@ -18,11 +18,12 @@ from ..algos.config import Config
 from ..envs import native
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
+from ..interrupts import interrupts, say
 from ..play import Episodes, play
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
 from ..training import finish, keep_in
-from .say import err, out, print_error, print_next, summary_words, warnings_in_one_line
+from .say import err, out, print_error, print_next, print_stopped, summary_words, warnings_in_one_line
 
 EVAL_SEED = 1
 """Of the test episodes at the end of a training; training and validation have streams of their own."""
@@ -39,7 +40,16 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
     # the picture at the end needs a second of imports: time enough for them while the compiled program runs
     picture = threading.Thread(target=import_module, args=("matplotlib.backends.backend_svg",), daemon=True)
 
+    saved = _Saved(run, agent.num_timesteps)
+
+    def has_begun() -> bool:
+        return agent.is_training and agent.state is not None
+
+    def still_wanted(report: Report) -> None:
+        interrupts.check()  # an environment that caught the second Ctrl-C has not stepped as it should
+
     def watch(report: Report) -> bool:
+        saved.step = report.timestep
         if picture.ident is None:
             picture.start()
         if board is not None:
@@ -49,15 +59,18 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
 
     first, began = agent.num_timesteps, time.perf_counter()
     try:
-        with _ask_to_stop(lambda: agent.state is not None) as asked, warnings_in_one_line():
+        with (
+            _ask_to_stop(lambda: agent.is_training and agent.state is not None, saved.words) as asked,
+            warnings_in_one_line(),
+        ):
             if agent.num_timesteps < agent.config.total_timesteps:
-                agent.learn(callback=[keep_in(run), watch])
-        if agent.num_timesteps < agent.config.total_timesteps:
+                agent.learn(callback=[still_wanted, keep_in(run), watch])
+        if asked.is_set():
             raise KeyboardInterrupt
         seconds = time.perf_counter() - began
         summary = finish(agent, run, *_test(agent, eval_episodes), EVAL_SEED)
     except (KeyboardInterrupt, EnvironmentFailure) as stop:
-        return _stopped(agent, run, stop)
+        return _stopped(agent, saved, stop)
     finally:
         if board is not None:
             board.close()
@@ -113,25 +126,39 @@ def _through(spec: EnvSpec) -> str:
     )
 
 
+class _Saved:
+    """How far the training is saved, and what to say where it ends early."""
+
+    def __init__(self, run: Run, step: int) -> None:
+        self.run, self.step = run, step
+
+    def words(self) -> str:
+        at = f"saved at step {self.step:,}" if self.step else "nothing is trained yet"
+        return f"{at}; go on with: sympol resume {shlex.quote(str(self.run.path))}"
+
+
 @contextlib.contextmanager
-def _ask_to_stop(has_begun: Callable[[], bool]) -> Iterator[threading.Event]:
-    """Let Ctrl-C wait for the next save, so that a resumed run ends as one never stopped; a second does not wait."""
+def _ask_to_stop(
+    has_begun: Callable[[], bool], words: Callable[[], str] | None = None
+) -> Iterator[threading.Event]:
+    """Let Ctrl-C or SIGTERM wait for the next save, so that a resumed run ends as one never stopped.
+
+    Where there is nothing to save yet they do not wait, nor does a second Ctrl-C. A second SIGTERM says nothing new:
+    some programs send two at once (`timeout`).
+    """
     asked = threading.Event()
 
-    def stop(number: int, frame: object) -> None:
-        if asked.is_set() or not has_begun():
-            raise KeyboardInterrupt
-        asked.set()
-        err.print("\nstopping at the next save; Ctrl-C again stops at once")
+    def decide(number: int) -> bool:
+        again = asked.is_set()
+        asked.set()  # first of all: what is raised now may be lost
+        if not has_begun():
+            return True
+        if not again:
+            say("\nstopping at the next save; Ctrl-C again stops at once")
+        return again and number == signal.SIGINT
 
-    if threading.current_thread() is not threading.main_thread():
+    with interrupts.heard(decide, terms=True, words=words):
         yield asked
-        return
-    before = signal.signal(signal.SIGINT, stop)
-    try:
-        yield asked
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _test(agent: Agent, eval_episodes: int) -> tuple[Episodes | None, Episodes | None]:
@@ -148,12 +175,14 @@ def _test(agent: Agent, eval_episodes: int) -> tuple[Episodes | None, Episodes |
         ) from error
 
 
-def _stopped(agent: Agent, run: Run, stop: BaseException) -> int:
+def _stopped(agent: Agent, saved: _Saved, stop: BaseException) -> int:
     """Keep what there is and say how to go on."""
-    if isinstance(stop, EnvironmentFailure):
-        print_error(stop)
-        if agent.state is not None:
-            run.save_checkpoint(agent.state)  # what the failed segment had come to
-    at = f"saved at step {agent.num_timesteps:,}" if agent.state is not None else "nothing is trained yet"
-    err.print(f"{at}; go on with: sympol resume {shlex.quote(str(run.path))}", markup=False)
-    return 130 if isinstance(stop, KeyboardInterrupt) else 1
+    if isinstance(stop, KeyboardInterrupt) or interrupts.at_once:
+        print_stopped(saved.words())
+        return interrupts.status
+    print_error(stop)
+    if agent.state is not None:
+        saved.run.save_checkpoint(agent.state)  # what the failed segment had come to
+        saved.step = agent.num_timesteps
+    err.print(saved.words(), markup=False)
+    return 1

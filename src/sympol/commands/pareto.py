@@ -14,6 +14,7 @@ import tyro
 
 from ..envs.registry import resolve
 from ..experiments.bench import only_one
+from ..interrupts import interrupts
 from ..pareto.files import fields_of, point_fields
 from ..pareto.front import Front
 from ..pareto.live import Live
@@ -25,7 +26,7 @@ from ..runs.about import RunError, file_name
 from ..threads import cores, use_one_thread
 from .arguments import Text
 from .parse import env_kwargs, parse
-from .say import err, one_line_errors, out, print_steps, program, warnings_in_one_line
+from .say import err, one_line_errors, out, print_steps, print_stopped, program, warnings_in_one_line
 
 PICTURE = "front.svg"
 
@@ -130,10 +131,8 @@ def pareto(arguments: Sequence[str]) -> int:
         with Live(plan, folder, err) as live, warnings_in_one_line():
             front = search(plan, folder, workers=given.workers or min(2, cores()), watch=live.watch)
     except KeyboardInterrupt:
-        err.print(
-            f"stopped; the same command goes on, as long as {shlex.quote(str(folder))} is there", markup=False
-        )
-        return 130
+        print_stopped(f"stopped; the same command goes on, as long as {shlex.quote(str(folder))} is there")
+        return interrupts.status
     _show(front, folder, as_json=given.json)
     return 0
 

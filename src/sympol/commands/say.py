@@ -26,6 +26,7 @@ from rich.segment import Segment
 
 from ..envs.host import EnvironmentFailure
 from ..experiments.workers import TasksFailed
+from ..interrupts import interrupts
 from ..runs.about import RunError, WriteError
 from ..runs.progress import decimals
 from ..trees.floats import printable
@@ -61,10 +62,14 @@ for _console in (out, err):
 
 @contextlib.contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Bad input is one line on the error stream and status 2; so are failures, with status 1, and warnings."""
+    """Bad input is one line on the error stream and status 2; failures are, with status 1, and Ctrl-C, with 130."""
     try:
-        with warnings_in_one_line():
-            yield
+        try:
+            with warnings_in_one_line():
+                yield
+        except Exception:
+            interrupts.check()  # Ctrl-C during an import, say, can come out as another error
+            raise
     except WriteError as error:
         print_error(error)
         raise SystemExit(1) from None
@@ -78,8 +83,8 @@ def one_line_errors() -> Iterator[None]:
         print_error(f"out of memory: {error}" if str(error) else "out of memory")
         raise SystemExit(1) from None
     except KeyboardInterrupt:
-        err.print("interrupted")
-        raise SystemExit(130) from None
+        print_stopped("interrupted")
+        raise SystemExit(interrupts.status) from None
 
 
 def print_error(error: BaseException | str) -> None:
@@ -90,6 +95,12 @@ def print_error(error: BaseException | str) -> None:
 def print_warning(warning: Warning | str) -> None:
     """What does not end it, idem."""
     err.print(f"[bold yellow]warning:[/] {_one_line(warning)}")
+
+
+def print_stopped(line: str) -> None:
+    """The line that ends a command after Ctrl-C, unless there has been one."""
+    if interrupts.take_last_word():
+        err.print(line, markup=False)
 
 
 @contextlib.contextmanager

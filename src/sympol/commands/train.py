@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..agents import Agent, agent_of, load_run
+from ..algos.memory import require_memory
 from ..algos.rules import LIMITS
 from ..envs.registry import resolve
 from ..runs.about import RunError, file_name
@@ -37,6 +38,7 @@ def train(arguments: Sequence[str]) -> int:
         return _continue(_same_run(given, agent), given.eval_episodes, given.json)
     if given.tensorboard:
         TensorBoard.require()
+    require_memory(spec, agent.config)
     path = given.run_dir or _next_free(Path("runs"), spec.name)
     with Run.create(
         path,

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from ..compilation import require_no_fork
 from ..envs.env import Env
 from ..envs.spec import EnvSpec
 from ..play import WORDS
@@ -37,6 +38,7 @@ class CompiledArena(Arena):
         self._key = np.array([WORDS[purpose], seed], np.uint32)
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+        require_no_fork()
         run, at_once = player(self._env), min(len(episodes), MAX_JOBS)
         rows = min(MAX_TREES, MAX_JOBS // at_once)
         played: list[list[ndarray]] = []
@@ -52,6 +54,7 @@ class CompiledArena(Arena):
         return Played(*(np.concatenate(part) for part in zip(*played, strict=True)))
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
+        require_no_fork()
         watch, forest = watcher(self._env), _forest([tree], 1)
         seen = []
         for i in range(0, len(episodes), WATCHED):

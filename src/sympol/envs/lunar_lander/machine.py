@@ -6,6 +6,7 @@ calls. So the place is named after all files of this package.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
@@ -36,9 +37,26 @@ def compiled(function: Callable[..., Any]) -> Any:
     division by zero is none of Python's affairs. Others may run meanwhile."""
     kept, _config.CACHE_DIR = _config.CACHE_DIR, _FOLDER
     try:
-        return njit(cache=bool(_FOLDER), error_model="numpy", nogil=True)(function)
+        dispatcher: Any = njit(cache=bool(_FOLDER), error_model="numpy", nogil=True)(function)
     finally:
         _config.CACHE_DIR = kept
+    if _FOLDER:
+        _keep_if_possible(dispatcher._cache)
+    return dispatcher
+
+
+def _keep_if_possible(cache: Any) -> None:
+    """A disk that has become full, or was taken away, is no reason not to run what has been compiled."""
+
+    def forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            with contextlib.suppress(OSError):
+                return method(*arguments)
+            return None  # nothing is kept
+
+        return call
+
+    cache.load_overload, cache.save_overload = forgiving(cache.load_overload), forgiving(cache.save_overload)
 
 
 def inlined(function: Callable[..., Any]) -> Any:

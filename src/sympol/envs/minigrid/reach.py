@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from ...compilation import require_no_fork
+
 if TYPE_CHECKING:
     from .core import GridState, MiniGrid
 
@@ -136,6 +138,7 @@ def _expanding(env: MiniGrid) -> Callable[..., Any]:
 
 def in_batches(program: Callable[[Any], Any], arrays: Any) -> Any:
     """Call a program on rows of arrays, always on as many; NumPy's arrays."""
+    require_no_fork()
     num = len(jax.tree.leaves(arrays)[0])
     parts = [program(at(arrays, rows)) for rows in _batches(num)]
     return jax.tree.map(lambda *x: np.concatenate(x)[:num], *parts)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
+from ...interrupts import interrupts
 from .task import Failure, Result, Task, TasksFailed
 
 _NAMES = 3
@@ -60,6 +61,7 @@ class Board:
         """Stop drawing; tell what an interruption leaves, or what failed."""
         self._bar.stop()
         if isinstance(error, KeyboardInterrupt):
+            interrupts.take_last_word()
             self.say(
                 f"stopped: {self.done} of {self.total} tasks are done and kept; "
                 "the same command again goes on from here"
