@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and files of strangers read within bounds.
+"""Files written whole or not at all, and files of strangers read up to a bound of their size.
 
 Whatever sympol writes passes `write` or `append`. A new file gets a name that nobody can predict and is renamed when it
 is complete, so that a process killed at any moment leaves the old file or the new one. A symbolic link is never written
@@ -8,15 +8,12 @@ through: it is replaced, and what it points to stays as it is.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 import secrets
 import stat
-import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 _TEMPORARY = re.compile(r"\.sympol-(\d+)-[0-9a-f]{16}\.tmp")
 """Names of unfinished files, with the number of the process that writes them."""
@@ -26,12 +23,6 @@ NO_LINK = _NO_WAIT | getattr(os, "O_NOFOLLOW", 0)
 """Opening a symbolic link fails, too."""
 MOST = 2**26
 """The size, in bytes, of the largest text that is read: 64 MiB, which is more than any file that sympol writes."""
-
-_DEEPEST = 100
-_MOST_BITS = 1000
-"""Of a whole number: it can be printed, and is a number of 64 bits with a decimal point, too."""
-_MOST_DOTS = 10_000_000
-_TOO_DEEP = f"it nests more than {_DEEPEST} levels deep"
 
 
 def write(path: Path, content: str | bytes) -> None:
@@ -88,13 +79,17 @@ def append(path: Path, content: str | bytes) -> None:
 
 
 def read_text(path: Path, most: int = MOST) -> str:
-    """Read a text in UTF-8, with or without a byte-order mark, of at most so many bytes.
+    """Read a text in UTF-8, with or without a byte-order mark, of at most so many bytes; line breaks become ``\\n``.
 
     Raises:
         OSError: it cannot be read.
         ValueError: it is no ordinary file, or larger, or not UTF-8.
     """
-    return read_bytes(path, most).decode("utf-8-sig")
+    try:
+        text = read_bytes(path, most).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is not text in UTF-8 (byte {error.start:,} is wrong)") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_bytes(path: Path, most: int) -> bytes:
@@ -111,47 +106,10 @@ def read_bytes(path: Path, most: int) -> bytes:
         raise ValueError("it is not an ordinary file")
     with open(descriptor, "rb") as file:
         if found.st_size > most:
-            raise ValueError(f"it has {found.st_size:,} bytes, and at most {most:,} are read")
+            raise ValueError(
+                f"the file is larger than {most / 2**20:.3g} MiB, which is the most that is read"
+            )
         return file.read(most)
-
-
-def parse_json(text: str) -> Any:
-    """Parse JSON that may come from a stranger.
-
-    Raises:
-        ValueError: it is not JSON, or nests too deeply.
-    """
-    return _parsed(json.loads, text)
-
-
-def parse_toml(text: str) -> dict[str, Any]:
-    """Parse TOML that may come from a stranger.
-
-    Raises:
-        ValueError: it is not TOML, or nests too deeply.
-    """
-    # of a key such as a.a.a.a, tomllib keeps every beginning: memory that grows with the square of its length
-    if sum(line.count(".") ** 2 for line in text.split("\n")) > _MOST_DOTS:
-        raise ValueError(_TOO_DEEP)
-    return _parsed(tomllib.loads, text)
-
-
-def _parsed(loads: Callable[[str], Any], text: str) -> Any:
-    try:
-        content = loads(text)
-    except RecursionError:
-        raise ValueError(_TOO_DEEP) from None
-    except ValueError as error:  # what follows a semicolon is about Python
-        raise ValueError(str(error).split(";")[0]) from None
-    level = [content]
-    for _ in range(_DEEPEST):
-        if any(isinstance(one, int) and one.bit_length() > _MOST_BITS for one in level):
-            raise ValueError("a number in it has too many digits")
-        level = [one for one in level if isinstance(one, dict | list)]
-        level = [part for one in level for part in (one.values() if isinstance(one, dict) else one)]
-        if not level:
-            return content
-    raise ValueError(_TOO_DEEP)
 
 
 def is_temporary(name: str) -> bool:

@@ -260,7 +260,11 @@ def test_arguments_of_every_kind_come_back_as_they_were(kind, given_as, recordin
     assert are_equal(again, value)
 
 
-@pytest.mark.parametrize("value", [Colour.RED, print, object(), [{"a": Colour.RED}]], ids=str)
+@pytest.mark.parametrize(
+    "value",
+    [Colour.RED, print, object(), [{"a": Colour.RED}]],
+    ids=["enum", "function", "object", "deep inside"],
+)
 def test_an_argument_that_cannot_be_kept_is_named_when_the_run_is_loaded(value, recording, tmp_path):
     agent = sympol.PPO("tree", recording, env_kwargs={"given": value}, num_envs=1)
     agent.save(tmp_path)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
-from importlib.resources import files
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from .. import files
+from ..bounded import LARGEST_BY_HAND, parse_toml
 from .config import ConfigError
 
 DEFAULT = "default"
@@ -18,7 +20,7 @@ ANY = "any"
 
 def presets_of(env_name: str, policy: str = "tree", algorithm: str = "ppo") -> dict[str, dict[str, Any]]:
     """All presets of an environment by name; none for an environment without a file."""
-    file = files("sympol") / "presets" / f"{env_name.replace('/', '_')}.toml"
+    file = resources.files("sympol") / "presets" / f"{env_name.replace('/', '_')}.toml"
     sections = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     return sections.get(algorithm, {}).get(policy, {})
 
@@ -54,7 +56,7 @@ def is_path(name: str) -> bool:
 def _of_file(path: Path, policy: str, algorithm: str) -> dict[str, Any]:
     """The preset that a file has for a policy and an algorithm; nothing in it is ever run as code."""
     try:
-        content: Any = tomllib.loads(path.read_text(encoding="utf-8"))
+        content: Any = parse_toml(files.read_text(path), "it", most=LARGEST_BY_HAND)
     except OSError as error:
         raise ConfigError(
             f"cannot read the preset {path}: {error.strerror or error}; give the path of a .toml file, as sympol tune "

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from .. import files
 from ..envs.origin import Origin
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
 from ..runs.about import CONFIG, RunError, require_no_import
 from ..runs.folder import Run
 from ..trees import DecisionTree
-from ..trees.bounded import read_file
 from ..trees.read_text import FENCE, read_header
 from .arguments import PlaysRun
 
@@ -27,7 +27,7 @@ def tree_from(path: Path) -> DecisionTree:
     if path.is_dir() or not path.suffix:
         return Run.open(path).load_tree()
     try:
-        text = read_file(path)
+        text = files.read_text(path)
         return _from_text(path, text) if path.suffix == ".txt" else DecisionTree.from_json(text)
     except FileNotFoundError as error:
         raise RunError(

@@ -6,7 +6,6 @@ Everything that reads results reads these, and nothing else: tables, plots and t
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -17,6 +16,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from .. import files
+from ..bounded import parse_json
 from .plain_json import dumps, plain, rounded
 from .seeds import require_training_seed
 
@@ -130,7 +130,7 @@ def cells_folder(root: Path) -> Path:
 def load(path: Path) -> Record:
     """Read one record. Raises RecordError, with the file's name, where it is not one."""
     try:
-        values = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant)
+        values = parse_json(files.read_text(path), "it")
         known = [entry.name for entry in dataclasses.fields(Record)]
         if unknown := set(values) - set(known):
             raise RecordError(f"unknown fields {sorted(unknown)}; known are {', '.join(known)}")

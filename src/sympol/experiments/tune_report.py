@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import tomllib
 from collections.abc import Iterator
 from itertools import accumulate
 from pathlib import Path
@@ -13,6 +12,7 @@ import tomli_w
 
 from .. import files
 from ..algos.presets import DEFAULT
+from ..bounded import LARGEST_BY_HAND, parse_toml
 from .looks import PANEL, legend_below, look, panels, save, styled
 from .study import Search, finished, quiet, search_of
 
@@ -119,7 +119,7 @@ def require_preset_file(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = parse_toml(files.read_text(path), "it", most=LARGEST_BY_HAND)
         presets = [preset for _, _, preset in _presets(content)]
     except (OSError, ValueError, AttributeError) as error:
         raise ValueError(f"{path} is there and cannot be read as a file of presets ({error})") from None

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from .. import files
+from ..bounded import parse_json
 from ..runs.about import file_name
 from ..runs.lock import FileLock
 from .methods import RUNTIME_VARIANTS
@@ -53,7 +54,7 @@ class Unit:
     def result(self) -> Result | None:
         """What came of it, if it is finished, and was made as it would be now."""
         try:
-            result = json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
+            result = parse_json(files.read_text(self.folder / RESULT), "it", strict=False)
             return result if same_config(result["config"], config_of(self.cell, self.settings)) else None
         except (OSError, ValueError, KeyError, TypeError):
             return None  # none there, or a damaged one: it is made again

@@ -11,7 +11,6 @@ Reading runs no code, and what is not as it was written is refused.
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import shutil
 from collections.abc import Callable, Mapping
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Never, TypeAlias
 
 from .. import files
+from ..bounded import parse_json
 from ..experiments.plain_json import dumps, plain
 from ..trees import DecisionTree
 from .front import Candidate, Front, FrontError, Point, Returns, Spent
@@ -193,10 +193,10 @@ def _point(fields: dict[str, Any], tree_of: TreeOf) -> Point:
 def read_json(file: Path, format_: str, version: int) -> dict[str, Any]:
     """Read strict JSON, an object of a format and version, which are left out; raises FrontError."""
     try:
-        content = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse)
+        content = parse_json(files.read_text(file), "it")
     except (FileNotFoundError, NotADirectoryError) as error:
         raise FrontError(f"there is no {file}; make one: sympol pareto ENV") from error
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise FrontError(f"{file} cannot be read (was it cut off?): {error}") from error
     said = (content.pop("format", None), content.pop("version", None)) if isinstance(content, dict) else None
     if said != (format_, version):

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from .. import files
+from ..bounded import parse_json
 from ..trees import DecisionTree
 from .front import Spent
 
@@ -46,7 +47,7 @@ def kept(folder: Path) -> tuple[list[Found], bool]:
     if not file.exists():
         return [], False
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = parse_json(files.read_text(file), "it")
         rows = [
             Found(DecisionTree.from_json(json.dumps(row["tree"])), str(row["road"]), Spent(**row["spent"]))
             for row in content["found"]

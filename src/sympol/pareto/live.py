@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import threading
 import time
@@ -11,6 +10,8 @@ from typing import Self
 
 from rich.console import Console
 
+from .. import files
+from ..bounded import parse_json
 from .found import HEAT
 from .plan import Plan
 
@@ -75,7 +76,7 @@ class Live:
         best: dict[int, float] = {}
         for file in self._folder.glob(f"evolve/*/{HEAT}"):
             try:
-                heat = json.loads(file.read_text(encoding="utf-8"))
+                heat = parse_json(files.read_text(file), "it")
             except (OSError, ValueError):
                 continue
             for size, value in heat.items():

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from .. import files
+from ..bounded import parse_json
 from ..envs.registry import resolve
 from ..experiments.bench import commit, only_one
 from ..experiments.workers import Task, run_tasks
@@ -101,7 +102,7 @@ def begin(plan: Plan, folder: Path) -> None:
     file = folder / PLAN
     if file.exists():
         try:
-            was = Plan.from_dict(json.loads(file.read_text(encoding="utf-8")))
+            was = Plan.from_dict(parse_json(files.read_text(file), "it"))
         except (OSError, ValueError, TypeError) as error:
             raise RunError(f"{file} cannot be read ({error}); choose another --out") from error
         changed = [

@@ -16,6 +16,7 @@ import tomli_w
 
 from .. import __version__, files
 from ..algos.config import Config, ConfigError
+from ..bounded import parse_toml
 from ..envs import native
 from ..envs.origin import Origin
 from ..envs.spec import EnvSpec
@@ -114,7 +115,7 @@ def read(path: Path) -> tuple[dict[str, Any], Config]:
     """
     file = path / CONFIG
     try:
-        content = files.parse_toml(files.read_text(file, files.MOST))
+        content = parse_toml(files.read_text(file), "it")
         about, config = content["run"], content["config"]
     except (FileNotFoundError, NotADirectoryError) as error:
         raise RunError(f"there is no run in {path}: it has no {CONFIG}") from error
@@ -184,7 +185,7 @@ def _is_from(module: str, env_id: str) -> bool:
 def is_run(config_file: Path) -> bool:
     """Whether this is the config of a run of ours, and not one of the many other files of that name."""
     try:
-        about = files.parse_toml(files.read_text(config_file, files.MOST)).get("run")
+        about = parse_toml(files.read_text(config_file), "it").get("run")
     except (OSError, ValueError):
         return False
     return isinstance(about, dict) and {"format", "sympol"} <= about.keys()

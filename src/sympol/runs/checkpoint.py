@@ -24,6 +24,7 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from .. import files
+from ..bounded import parse_json
 
 KEPT = 2
 _NAME = re.compile(r"[0-9]{12}")
@@ -123,7 +124,7 @@ def _is_ours(seal: Path) -> bool:
 
 
 def _read_seal(path: Path) -> tuple[int, str]:
-    seal = files.parse_json(files.read_text(path, _MOST_SEAL))
+    seal = parse_json(files.read_text(path, _MOST_SEAL), "its checksum's file")
     if not isinstance(seal, dict):
         raise ValueError("its seal is not an object")
     timestep, checksum = seal.get("timestep"), seal.get("sha256")

@@ -30,6 +30,7 @@ from .. import __version__, files
 from ..algos.config import Config
 from ..algos.start import Start
 from ..algos.state import TrainState
+from ..bounded import parse_json
 from ..envs import native
 from ..envs.origin import Origin
 from ..envs.registry import UnknownEnvironment, resolve
@@ -365,7 +366,7 @@ class Run:
         """
         file = self.path / "summary.json"
         try:
-            summary = files.parse_json(files.read_text(file, files.MOST))
+            summary = parse_json(files.read_text(file), "it", strict=False)
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:

@@ -36,8 +36,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bounded import LARGEST_BY_HAND, parse_toml
 from .actions import ActionSpec
-from .bounded import read_toml
 from .edit import leaf_tree
 from .floats import brief
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
@@ -121,7 +121,7 @@ def read_header(text: str) -> Header:
     if len(fences) < 2 or fences[0] != first:
         return Header({}, lines, 0)
     written = "\n".join(lines[first + 1 : fences[1]])
-    content = read_toml(written, "the header", f", between {FENCE} and {FENCE},")
+    content = parse_toml(written, "the header", f", between {FENCE} and {FENCE},", LARGEST_BY_HAND)
     if unknown := content.keys() - {"features", "actions", "groups", "meta", "env"}:
         raise ValueError(
             f"the header says {brief(sorted(unknown)[0])}; it may say features, actions, groups, meta and env"

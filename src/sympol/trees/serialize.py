@@ -25,8 +25,8 @@ from typing import Any, Never
 
 import numpy as np
 
+from ..bounded import parse_json
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
-from .bounded import read_json
 from .floats import brief, shortest
 from .groups import LARGEST_CELL, Group
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
@@ -64,7 +64,7 @@ def from_json(text: str) -> DecisionTree:
         ValueError: if the text is not JSON, not of this format and version, not a tree, or larger or nested deeper
             than `sympol.trees.bounded` reads.
     """
-    return _read(read_json(text))
+    return _read(parse_json(text))
 
 
 def _lines(items: Iterable[object]) -> str:

@@ -28,7 +28,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar, final
 
-from ..bounded import DEEPEST
+from ...bounded import DEEPEST
 from ..tree import DecisionTree
 from .logic import ALWAYS, All, Any, Condition, Not
 from .scanner import Scanner

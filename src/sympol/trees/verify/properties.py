@@ -20,7 +20,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TypeAlias, final
 
-from ..bounded import read_file, read_toml
+from ... import files
+from ...bounded import LARGEST_BY_HAND, parse_toml
 from ..floats import brief
 
 _TYPES = {"name": str, "rule": str, "within_bounds": bool}
@@ -77,10 +78,10 @@ def read_properties(path: PathLike[str]) -> tuple[Property, ...]:
         ValueError: if it is not TOML, holds no property, or anything else.
     """
     try:
-        text = read_file(Path(path))
+        text = files.read_text(Path(path))
     except ValueError as error:
         raise ValueError(f"{path} is not TOML: {error}") from error
-    content = read_toml(text, str(path))
+    content = parse_toml(text, str(path), most=LARGEST_BY_HAND)
     tables = content.get("property")
     if set(content) != {"property"} or not isinstance(tables, list) or not tables:
         got = ", ".join(brief(name) for name in content) or "nothing"
