@@ -35,8 +35,8 @@ def parse_json(text: str, what: str = "the JSON", *, strict: bool = True) -> Any
         ValueError: if it is not JSON, larger than `LARGEST`, or nests deeper than `DEEPEST`.
     """
     _require_size(text, what, LARGEST)
-    refuse = {"parse_constant": _refuse} if strict else {}
-    return _bounded(lambda: json.loads(text.removeprefix("\ufeff"), **refuse), what)
+    refuse = _refuse if strict else None
+    return _bounded(lambda: json.loads(text.removeprefix("\ufeff"), parse_constant=refuse), what)
 
 
 def parse_toml(text: str, what: str, where: str = "", most: int = LARGEST) -> dict[str, Any]:

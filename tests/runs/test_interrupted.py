@@ -22,6 +22,11 @@ def train_words(env: str, run: Path) -> list[str]:
     return ["train", env, *MANY, "--run-dir", str(run)]
 
 
+def resume_words(env: str, run: Path) -> list[str]:
+    """An environment of a module's is the user's to name again, or to trust."""
+    return ["resume", str(run), *(["--trust"] if ":" in env else [])]
+
+
 def wait_for_saves(process: Popen[str], run: Path, already: int) -> None:
     """Until another checkpoint is there, or the process has ended."""
     deadline = time.monotonic() + 120
@@ -56,7 +61,7 @@ def test_killed_at_random_moments_it_ends_in_the_same_tree(uninterrupted, tmp_pa
     env, whole = uninterrupted
     run, dice = tmp_path / "run", random.Random()
     root = Path(__file__).parents[2]
-    for words in (train_words(env, run), ["resume", str(run)]):
+    for words in (train_words(env, run), resume_words(env, run)):
         already = newest(run)
         process = start(*words, folder=root)
         wait_for_saves(process, run, already)
@@ -64,7 +69,7 @@ def test_killed_at_random_moments_it_ends_in_the_same_tree(uninterrupted, tmp_pa
         process.kill()
         process.communicate()
         assert newest(run) > already
-    assert status_of("resume", run) == 0
+    assert status_of(*resume_words(env, run)) == 0
     assert_same(run, whole)
 
 
@@ -81,8 +86,9 @@ def test_interrupted_it_saves_says_how_to_go_on_and_does(uninterrupted, tmp_path
     assert process.returncode == 130, err
     assert out == ""
     assert "Traceback" not in err
-    assert err.splitlines()[-1] == f"saved at step {newest(run):,}; go on with: sympol resume {run}"
-    assert status_of("resume", run) == 0
+    way_on = " ".join(["sympol", *resume_words(env, run)])
+    assert err.splitlines()[-1] == f"saved at step {newest(run):,}; go on with: {way_on}"
+    assert status_of(*resume_words(env, run)) == 0
     assert_same(run, whole)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import shlex
 import sys
 import time
 from collections.abc import Sequence
@@ -81,7 +80,7 @@ def distill(arguments: Sequence[str]) -> int:
         return 0
     out.print(run.load_tree().to_text(), markup=False)
     out.print(summary_words(summary))
-    print_next(run.path)
+    print_next(run)
     return 0
 
 
@@ -95,7 +94,7 @@ def find_teacher(given: Distill) -> tuple[Any, Teacher]:
         if agent.num_timesteps < agent.config.total_timesteps:
             raise RunError(
                 f"{path} is not finished ({agent.num_timesteps:,} of {agent.config.total_timesteps:,} steps); finish "
-                f"it: sympol resume {shlex.quote(str(path))}"
+                f"it: sympol resume {run.as_argument}"
             )
         return agent, as_teacher(agent, spec)
     module, colon, name = given.teacher.rpartition(":")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import shlex
 import signal
 import threading
 import time
@@ -94,7 +93,7 @@ def show_result(run: Run, summary: dict[str, Any], as_json: bool) -> None:
     if (run.path / "tree.txt").is_file():
         out.print(files.read_text(run.path / "tree.txt").rstrip("\n"), markup=False)
     out.print(summary_words(summary))
-    print_next(run.path, has_tree=run.has_tree)
+    print_next(run)
 
 
 def _what(agent: Agent) -> str:
@@ -134,7 +133,7 @@ class _Saved:
 
     def words(self) -> str:
         at = f"saved at step {self.step:,}" if self.step else "nothing is trained yet"
-        return f"{at}; go on with: sympol resume {shlex.quote(str(self.run.path))}"
+        return f"{at}; go on with: sympol resume {self.run.as_argument}"
 
 
 @contextlib.contextmanager

@@ -73,7 +73,7 @@ def soft_view(run: Run, summary: dict[str, Any] | None) -> SoftView:
     """The soft tree of a run, as it is written and drawn."""
     agent = load_run(run)
     if agent.state is None:
-        raise RunError(f"{run.path} has no soft tree yet; finish it: sympol resume {run.path}")
+        raise RunError(f"{run.path} has no soft tree yet; finish it: sympol resume {run.as_argument}")
     try:
         return kept_soft_view(agent, summary)
     except (TypeError, ValueError) as error:

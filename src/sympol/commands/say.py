@@ -28,6 +28,7 @@ from ..envs.host import EnvironmentFailure
 from ..experiments.workers import TasksFailed
 from ..interrupts import interrupts
 from ..runs.about import RunError, WriteError
+from ..runs.folder import Run
 from ..runs.progress import decimals
 from ..trees.floats import printable
 
@@ -160,23 +161,23 @@ def _likeness_words(summary: dict[str, Any]) -> str:
     return f"the tree's actions are {summary['action_difference']:.3g} from its own on average"
 
 
-def print_next(path: Path, *, has_tree: bool = True) -> None:
-    """What can be done with the run that is at ``path``."""
-    sympol, run = program(), shlex.quote(str(path))
-    steps = [(f"{sympol} eval {run} --episodes 100 --seed 7", "more test episodes")]
-    if has_tree:
+def print_next(of: Run) -> None:
+    """Print what can be done with a run."""
+    sympol, path, run, played = program(), of.path, shlex.quote(str(of.path)), of.as_argument
+    steps = [(f"{sympol} eval {played} --episodes 100 --seed 7", "more test episodes")]
+    if of.has_tree:
         steps = [
             (f"{sympol} show {run}", "this tree again"),
             *steps,
-            (f"{sympol} report {run}", "a page: the tree at work, its rules, its episodes"),
-            (f"{sympol} watch {run}", "a film of an episode beside the tree"),
+            (f"{sympol} report {played}", "a page: the tree at work, its rules, its episodes"),
+            (f"{sympol} watch {played}", "a film of an episode beside the tree"),
             (f"{sympol} export {run} --to python", "the policy as a program without dependencies"),
             (str(path / "tree.svg"), "the picture"),
         ]
     else:
-        steps.append((f"{sympol} distill {run}", "a decision tree made of it"))
+        steps.append((f"{sympol} distill {played}", "a decision tree made of it"))
         if (path / "tree.svg").exists():
-            show = (f"{sympol} show {run}", "this soft tree again")
+            show = (f"{sympol} show {played}", "this soft tree again")
             steps = [show, *steps, (str(path / "tree.svg"), "its picture")]
     print_steps(steps)
 

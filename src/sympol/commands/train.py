@@ -87,7 +87,8 @@ def _same_run(given: Train, agent: Agent) -> Run:
         changed.append(f"another tree in {begins.origin}")
     if changed:
         raise RunError(
-            f"{run.path} was begun with {', '.join(changed)}; to go on with it as it was: sympol resume {run.path}"
+            f"{run.path} was begun with {', '.join(changed)}; to go on with it as it was: sympol resume "
+            f"{run.as_argument}"
         )
     return run
 

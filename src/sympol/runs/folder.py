@@ -75,7 +75,7 @@ class Run:
         self._env, self._trust = env, trust
         self.metrics = MetricsFile(path / "metrics.csv")
         self.way_on = (
-            "make it again" if about["distilled"] else f"go on with: sympol resume {shlex.quote(str(path))}"
+            "make it again" if about["distilled"] else f"go on with: sympol resume {self.as_argument}"
         )
         """What to do once a disk that failed works again."""
         self._lock: FolderLock | None = None
@@ -180,6 +180,11 @@ class Run:
     def seed(self) -> int:
         """The training's seed."""
         return int(self.about["seed"])
+
+    @property
+    def as_argument(self) -> str:
+        """The folder as a command that plays episodes takes it, with --trust if its environment needs a module."""
+        return shlex.quote(str(self.path)) + (" --trust" if ":" in self.about["env"] else "")
 
     @property
     def has_tree(self) -> bool:
@@ -353,7 +358,11 @@ class Run:
         except FileNotFoundError as error:
             raise RunError(
                 f"{self.path} has no policy.json yet; "
-                + ("distill it again" if self.is_distilled else f"finish it: sympol resume {self.path}")
+                + (
+                    "distill it again"
+                    if self.is_distilled
+                    else f"finish it: sympol resume {self.as_argument}"
+                )
             ) from error
         except (OSError, ValueError) as error:
             raise RunError(f"{file} cannot be read: {error}") from error
