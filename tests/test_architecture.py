@@ -27,6 +27,7 @@ BELOW: dict[str, set[str]] = {
     "compilation": set(),
     "threads": set(),
     "interrupts": set(),
+    "terminal": set(),
     "film": {"types", "envs", "trees", "files"},
     "play": {"envs", "trees"},
     "evaluate": {"types", "envs", "trees", "film", "play"},

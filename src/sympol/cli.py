@@ -5,15 +5,13 @@ The commands are thin: each parses its arguments, calls the verbs, and prints.
 
 from __future__ import annotations
 
-import codecs
-import io
 import logging
 import signal
 import sys
-import unicodedata
 from collections.abc import Callable, Sequence
 
 from .interrupts import interrupts, say
+from .terminal import write_readable_ascii
 
 _INTERRUPTED = {128 + signal.SIGINT, 128 + signal.SIGTERM}
 
@@ -40,56 +38,6 @@ Each has --help. Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendul
 MountainCarContinuous-v0 and most of MiniGrid (MiniGrid-DoorKey-5x5-v0, ...) train inside one compiled
 program, LunarLander-v3 in machine code.
 """
-
-
-_READABLE = "sympol.readable"
-"""How characters are written that a terminal's encoding does not have, as in the C locale."""
-_IN_ASCII = {
-    **{
-        "≤": "<=",
-        "≥": ">=",
-        "≠": "!=",
-        "±": "+/-",
-        "−": "-",
-        "–": "-",
-        "—": "-",
-        "…": "...",
-        "·": "*",
-        "×": "x",
-    },
-    **{"→": "->", "←": "<-", "↑": "^", "↓": "v", "²": "^2", "³": "^3", "°": " deg", "√": "sqrt", "∞": "inf"},
-    **{"⁄": "/", "ß": "ss"},
-    **{"✓": "ok", "✗": "FAILS", "○": "o", "‘": "'", "’": "'", "“": '"', "”": '"'},
-}
-
-
-def _in_ascii(character: str) -> str:
-    """Write one character so that it can be read in ASCII: ``<=``, ``theta``, ``e`` for é, or its number."""
-    if character in _IN_ASCII:
-        return _IN_ASCII[character]
-    kind, *words = unicodedata.name(character, "none").split()
-    if kind == "BOX":  # DRAWINGS LIGHT VERTICAL AND RIGHT; a listing drawn in these is read again from_text
-        return "+" if "AND" in words else "|" if "VERTICAL" in words else "-"
-    if kind == "BRAILLE":  # of which rich makes its spinner
-        return "."
-    if kind == "GREEK" and "LETTER" in words[:-1]:
-        letter = words[words.index("LETTER") + 1].lower()
-        return letter.capitalize() if words[0] == "CAPITAL" else letter
-    decomposed = unicodedata.normalize("NFKD", character)
-    if decomposed != character:
-        return "".join(map(_in_ascii, decomposed))
-    if character.isascii() or unicodedata.combining(character):
-        return character if character.isascii() else ""
-    return character.encode("ascii", "backslashreplace").decode()
-
-
-def _readable(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    return "".join(map(_in_ascii, error.object[error.start : error.end])), error.end
-
-
-codecs.register_error(_READABLE, _readable)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -121,9 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal without ≤ gets <=, not an error
-            stream.reconfigure(errors=_READABLE)
+    write_readable_ascii()
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(USAGE, end="")
         return 0
