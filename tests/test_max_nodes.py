@@ -287,7 +287,7 @@ def test_frozen_nodes_and_a_limit_do_not_go_together():
             "max_nodes must be odd, as a tree has one leaf more than it has splits, got 6: choose 5 or 7",
         ),
         ({"max_nodes": -1}, "max_nodes must be between 0 and 32767, got -1"),
-        ({"max_nodes": 7.0}, "max_nodes must be a whole number"),
+        ({"max_nodes": 7.5}, "max_nodes must be a whole number"),
         ({"node_price": -0.1}, "node_price must be between 0"),
         ({"policy": "mlp", "max_nodes": 7}, "max_nodes belongs to tree; mlp has none"),
         ({"policy": "sdt", "node_price": 1.0}, "node_price belongs to tree; sdt has none"),

@@ -17,8 +17,6 @@ LARGEST_BY_HAND = 2**20
 """Characters of a TOML text that is written by hand."""
 DEEPEST = 100
 """Lists and objects within each other."""
-_MOST_BITS = 1000
-"""Of a whole number: it can be printed, and as a float it is finite."""
 _MOST_DOTS = 10_000_000
 """Sum of the squared numbers of dots in the lines of a TOML text."""
 
@@ -77,8 +75,6 @@ def _bounded(parse: Callable[[], Any], what: str, not_valid: str = "") -> Any:
         raise ValueError(f"{not_valid}{str(error).split(';')[0]}") from error
     level = [content]
     for _ in range(DEEPEST + 1):
-        if any(isinstance(one, int) and one.bit_length() > _MOST_BITS for one in level):
-            raise ValueError(f"{what} has a number with too many digits")
         inner = [
             one.values() if isinstance(one, dict) else one for one in level if isinstance(one, dict | list)
         ]
@@ -93,4 +89,4 @@ def _too_deep(what: str) -> str:
 
 
 def _refuse(constant: str) -> Never:
-    raise ValueError(f"not strict JSON: it has no {constant}")
+    raise ValueError(f"not strict JSON, which has no {constant}: {constant} is no number")

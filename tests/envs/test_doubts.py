@@ -61,7 +61,7 @@ def test_wrappers_with_statistics_of_their_own(wrappers, said):
     ("space", "said"),
     [
         (Box(0, 255, (84, 84, 3), np.uint8), r"pictures, of shape \(84, 84, 3\); each of the 21,168 numbers"),
-        (Box(0, 255, (3, 20, 10), np.uint8), "pictures"),
+        (Box(0, 255, (3, 20, 16), np.uint8), "pictures"),
         (Box(0, 1, (4, 64, 64), np.float32), "pictures"),
         (Box(0, 1, (28, 28), np.float32), r"pictures, of shape \(28, 28\)"),
         (Dict({"see": Box(0, 255, (28, 28), np.uint8), "speed": Box(0, 1, (1,))}), "pictures"),

@@ -228,9 +228,9 @@ def test_the_twin_refuses_other_actions_and_can_be_made_again() -> None:
         with pytest.raises(ValueError, match=r"action must be from 0 to 4 .turn left, .*toggle.*, got"):
             host.step(action)
     spec = resolve(host)
-    assert (spec.name, spec.has_one_copy, spec.actions.names) == (
+    assert (spec.name, spec.can_be_copied, spec.actions.names) == (
         DOOR_KEY,
-        False,
+        True,
         make(DOOR_KEY).action_names,
     )
     assert len(spec.features.groups) == 18

@@ -20,6 +20,9 @@ from sympol.play import episode_seed
 from sympol.runs.about import RunError
 from sympol.trees import DecisionTree
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::sympol.envs.doubts.OwnStatistics"
+)  # some are meant to have them
 TINY: dict[str, Any] = {"depth": 2, "num_steps": 16, "total_timesteps": 128, "num_evals": 1, "seed": 0}
 
 

@@ -22,7 +22,7 @@ from ..play import Episodes, play
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
 from ..training import finish, keep_in
-from .say import err, out, print_error, print_next, print_stopped, summary_words, warnings_in_one_line
+from .say import err, out, print_error, print_next, print_stopped, warnings_in_one_line, words_of
 
 EVAL_SEED = 1
 """Of the test episodes at the end of a training; training and validation have streams of their own."""
@@ -92,7 +92,7 @@ def show_result(run: Run, summary: dict[str, Any], as_json: bool) -> None:
         return
     if (run.path / "tree.txt").is_file():
         out.print(files.read_text(run.path / "tree.txt").rstrip("\n"), markup=False)
-    out.print(summary_words(summary))
+    out.print(words_of(run, summary))
     print_next(run)
 
 

@@ -19,7 +19,7 @@ from ..runs.progress import decimals
 from ..teachers import kept_soft_view
 from .arguments import Eval, Show
 from .parse import parse
-from .say import one_line_errors, out, summary_words
+from .say import one_line_errors, out, words_of
 
 
 @one_line_errors()
@@ -54,10 +54,7 @@ def show(arguments: Sequence[str]) -> int:
     run = Run.open(given.run, given.env, trust=given.trust)
     summary = run.load_summary()
     text = soft_text(soft_view(run, summary)) if is_soft(run) else run.load_tree().to_text()
-    try:
-        words = "" if summary is None else summary_words(summary)
-    except (KeyError, TypeError, ValueError) as error:
-        raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
+    words = "" if summary is None else words_of(run, summary)
     print(text)
     if words:
         out.print(words)

@@ -116,6 +116,18 @@ def _one_line(message: object) -> str:
     return escape(" ".join(str(message).split()))
 
 
+def words_of(run: Run, summary: dict[str, Any]) -> str:
+    """Return `summary_words` of a summary that was read from a run's folder.
+
+    Raises:
+        RunError: it is not a run's summary.
+    """
+    try:
+        return summary_words(summary)
+    except (ArithmeticError, KeyError, TypeError, ValueError) as error:
+        raise RunError(f"{run.path / 'summary.json'} is not a run's summary: {error!r}") from error
+
+
 def summary_words(summary: dict[str, Any]) -> str:
     """What a run earned, its size and its time; everything put in is a number."""
     lines = [""]

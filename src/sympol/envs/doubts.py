@@ -100,7 +100,5 @@ def _boxes(space: object) -> Iterator[Box]:
 
 
 def _is_picture(space: Box) -> bool:
-    """Whether a box is bytes along three axes, a matrix of some size, or several such matrices."""
-    if len(space.shape) == 3 and space.dtype == "uint8":
-        return True
+    """Whether a box is a matrix of some size, or several such matrices."""
     return len(space.shape) in (2, 3) and sorted(space.shape)[-2] >= SHORTEST_SIDE

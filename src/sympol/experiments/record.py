@@ -225,7 +225,3 @@ def _curves(curves: Any, trainings: int) -> tuple[dict[str, list[float]], ...] |
         if steps.shape != returns.shape or np.any(np.diff(steps) <= 0) or not np.isfinite(returns).all():
             raise RecordError("a curve must have a finite return for each of its rising timesteps")
     return tuple({name: [*map(float, curve[name])] for name in ("timesteps", "returns")} for curve in curves)
-
-
-def _no_constant(name: str) -> Any:
-    raise RecordError(f"{name} is no number")

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Never, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .. import files
 from ..bounded import parse_json
@@ -202,10 +202,6 @@ def read_json(file: Path, format_: str, version: int) -> dict[str, Any]:
     if said != (format_, version):
         raise FrontError(f'{file} cannot be read: it lacks "format": "{format_}", "version": {version}')
     return content
-
-
-def _refuse(name: str) -> Never:
-    raise ValueError(f"{name} is no number in JSON")
 
 
 def _digest(tree: DecisionTree) -> str:
