@@ -292,6 +292,11 @@ def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
         (["CartPole-v1", "--gamma", "inf"], "gamma must be between 0 and 1, got inf"),
         (["CartPole-v1", "--learning-rate-critic", "-inf"], "learning_rate_critic must be between 0 and 10"),
         (["CartPole-v1", "--critic-hidden", "0"], "critic_hidden must hold positive widths"),
+        (
+            ["CartPole-v1", "--critic-hidden", "8193"],
+            "critic_hidden must hold at most 8 widths of at most 8,192",
+        ),
+        (["CartPole-v1", "--critic-hidden", *"111111111"], "critic_hidden must hold at most 8 widths"),
         (["CartPole-v1", "--surrogate", "step"], "invalid choice 'step' for argument '--surrogate'"),
         (["CartPole-v1", "--detph", "3"], "unknown argument '--detph'; did you mean --depth?"),
         (["CartPole-v1", "--depth"], "--depth"),

@@ -386,3 +386,13 @@ def test_a_search_that_goes_on_is_not_replaced(tmp_path, capsys):
         said = refused(capsys, "pareto", "CartPole-v1", "--out", tmp_path, "--overwrite")
     assert f"another search works in {tmp_path}: process {os.getpid()} on " in said
     assert (tmp_path / "plan.json").exists()
+
+
+@pytest.mark.parametrize("name", ["start.json", "policy.json", "metrics.csv"])
+def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_removed(run, name, capsys):
+    (run / name).unlink(missing_ok=True)
+    (run / name).mkdir()
+    before = state_of(run)
+    said = refused(capsys, "train", *TRAIN, "--run-dir", run, "--overwrite")
+    assert f"{run / name} is a folder, and a file of the run belongs there; move it away" in said
+    assert state_of(run) == before

@@ -19,6 +19,8 @@ class ConfigError(ValueError):
 
 
 MAX_TIMESTEPS = 2**29
+MOST_LAYERS, WIDEST = 8, 8192
+"""Of an MLP, so that all its weights can be counted in 32 bits."""
 
 RANGES: tuple[tuple[str, float, float], ...] = (
     ("total_timesteps", 1, MAX_TIMESTEPS),
@@ -106,6 +108,10 @@ def check_fields(config: Config) -> None:
     for name in ("actor_hidden", "critic_hidden"):
         if any(width < 1 for width in getattr(config, name)):
             raise ConfigError(f"{name} must hold positive widths, got {getattr(config, name)}")
+        if len(widths := getattr(config, name)) > MOST_LAYERS or any(width > WIDEST for width in widths):
+            raise ConfigError(
+                f"{name} must hold at most {MOST_LAYERS} widths of at most {WIDEST:,} each, got {widths}"
+            )
     if config.max_nodes and config.max_nodes % 2 == 0:
         raise ConfigError(
             f"max_nodes must be odd, as a tree has one leaf more than it has splits, got {config.max_nodes}: choose "

@@ -421,6 +421,12 @@ def require_free(path: Path, *, overwrite: bool, distilled: bool = False, flag: 
             raise RunError(
                 f"{path} already holds a run; {go_on}replace it with --overwrite, or choose another {flag}"
             )
+        for name in (*_MADE, CONFIG, _START):
+            if (path / name).is_dir() and not (path / name).is_symlink():
+                raise RunError(
+                    f"{path / name} is a folder, and a file of the run belongs there; move it away, or choose another "
+                    f"{flag}"
+                )
 
 
 def _is_unused(path: Path) -> bool:
