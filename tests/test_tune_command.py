@@ -126,6 +126,7 @@ def test_if_all_trials_fail_it_says_why(scripted, capsys):
         (["CartPole-v1", "--policy", "forest"], "invalid choice 'forest'"),
         (["CartPole-v1", "--trials", "0"], "--trials must be at least 1, got 0"),
         (["CartPole-v1", "--seeds", "0"], "--seeds must be at least 1, got 0"),
+        (["CartPole-v1", "--seeds", str(2**63)], f"--seeds must be at most 1,000, got {2**63}"),
         (["CartPole-v1", "--workers", "0"], "--workers must be at least 1, got 0"),
         (
             ["CartPole-v1", "--seed", "5"],

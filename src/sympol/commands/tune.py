@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 _SHOWN = 3
 """So many of the best trials are shown beside each other."""
 
+MOST_SEEDS = 1000
+"""Trainings of one trial, at most."""
+
 
 @one_line_errors()
 def tune(arguments: Sequence[str]) -> int:
@@ -62,6 +65,10 @@ def _search(given: Tune) -> Search:
     for name in ("trials", "total_timesteps", "seeds", "workers"):
         if getattr(given, name) < 1:
             raise ValueError(f"--{name.replace('_', '-')} must be at least 1, got {getattr(given, name)}")
+    if given.seeds > MOST_SEEDS:
+        raise ValueError(
+            f"--seeds must be at most {MOST_SEEDS:,}, got {given.seeds}: each trial trains with all of them"
+        )
     if given.seed not in SEARCH:
         raise ValueError(
             f"--seed must be at least {SEARCH.start}, got {given.seed}: those below are of trainings that are "
