@@ -340,7 +340,7 @@ def _converted(array: NDArray, observation: Any, space: Space) -> NDArray:
     """The array as its space reads it, or as it is where the space does not read it."""
     if not array.size:
         return array.astype(space.dtype)
-    if isinstance(space, MultiBinary) and array.dtype.kind in "fO" and ((array == 0) | (array == 1)).all():
+    if isinstance(space, MultiBinary) and array.dtype.kind in "fcO" and ((array == 0) | (array == 1)).all():
         return (array == 1).astype(np.int8)
     if isinstance(space, Box) and not isinstance(observation, np.ndarray):
         try:
