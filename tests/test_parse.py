@@ -41,6 +41,8 @@ def test_a_value_is_what_python_or_toml_reads_in_it_or_else_a_word(text, value):
         (["1x=2"], "of the form NAME=VALUE"),
         (["x=1", "x=2"], "each argument once, got x twice"),
         (["x=" + "[" * 5_000], "nested so deep"),
+        (["x=3+4j"], "--env-kwargs x is of type builtins.complex"),
+        (["x=2026-01-01"], "--env-kwargs x is of type datetime.date"),
     ],
 )
 def test_bad_arguments_of_an_environment(arguments, message):

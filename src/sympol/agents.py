@@ -26,7 +26,7 @@ from .algos.trainer import Trainer
 from .compilation import use_disk_cache
 from .envs.doubts import warn_of_cut
 from .envs.registry import resolve
-from .envs.spec import Backend, EnvSpec
+from .envs.spec import Backend, EnvSpec, warn_of_one_copy
 from .play import draw, fitted_actions
 from .policies.actor import Actor
 from .policies.extract import extract_tree
@@ -122,6 +122,8 @@ class Agent(abc.ABC):
         self.config = _config(
             self.spec, preset, {"algorithm": self.algorithm, "policy": policy, **config}, self.start
         )
+        if "num_envs" not in config:
+            warn_of_one_copy(self.spec)
         self.spec = self.spec.trained_with(self.config.num_envs)
         self.state: TrainState | None = None
         """Everything trained so far; None before `learn`."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
+from collections import defaultdict, deque
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +15,19 @@ from gymnasium import wrappers
 
 import sympol
 from sympol.algos.presets import preset
+from sympol.envs import registry
 from sympol.envs.equality import are_equal, step_limit
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment, resolve
+from sympol.envs.spec import OneCopy
 from sympol.play import episode_seed
 from sympol.runs.about import RunError
 from sympol.trees import DecisionTree
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::sympol.envs.doubts.OwnStatistics"
-)  # some are meant to have them
+pytestmark = [  # some are meant to be warned of
+    pytest.mark.filterwarnings("ignore::sympol.envs.doubts.OwnStatistics"),
+    pytest.mark.filterwarnings("ignore::sympol.envs.spec.OneCopy"),
+]
 TINY: dict[str, Any] = {"depth": 2, "num_steps": 16, "total_timesteps": 128, "num_evals": 1, "seed": 0}
 
 
@@ -122,6 +127,99 @@ def test_an_object_that_nothing_tells_from_its_id_has_its_preset_and_copies(make
     spec = resolve(make())
     assert spec.preset_id == spec.name
     assert spec.host_envs(2).reset(seed=0).shape[0] == 2
+
+
+def drawn() -> gymnasium.Env:
+    env = gymnasium.make("CartPole-v1", render_mode="rgb_array")
+    env.reset(seed=1)
+    env.render()
+    return env
+
+
+def recorded() -> gymnasium.Env:
+    env = wrappers.RecordEpisodeStatistics(gymnasium.make("CartPole-v1"))
+    played_by_hand(env, balancing(), 1)
+    return env
+
+
+@pytest.mark.parametrize("make", [drawn, recorded], ids=lambda make: make.__name__)
+def test_what_an_object_has_drawn_or_recorded_changes_nothing_in_it(make):
+    assert resolve(make()).can_be_copied
+    assert resolve(make()).origin.not_kept == ""
+
+
+def test_an_object_that_is_trained_on_alone_is_warned_of():
+    with pytest.warns(
+        OneCopy, match=r"CartPole-v1 given is trained on alone .*give a function that makes it"
+    ):
+        sympol.PPO("tree", without_motor())
+
+
+def test_a_function_that_returns_the_same_object_is_one_copy():
+    env = gymnasium.make("CartPole-v1", max_episode_steps=30)
+    tree = balancing()
+    alone = sympol.evaluate_policy(tree, env, 4, return_episode_rewards=True)
+    assert sympol.evaluate_policy(tree, lambda: env, 4, return_episode_rewards=True) == alone
+    with pytest.raises(ValueError, match="returns the same object each time; let it make a new one"):
+        resolve(lambda: env).host_envs(2)
+
+
+def test_a_time_limit_counts_the_steps_of_the_wrapper_it_is_in():
+    def make(limit_inside: bool) -> gymnasium.Env:
+        env = gymnasium.make("MountainCar-v0", max_episode_steps=50 if limit_inside else -1)
+        env = wrappers.RepeatAction(env, 4)
+        return env if limit_inside else wrappers.TimeLimit(env, 50)
+
+    assert are_equal(make(True), make(True))
+    assert not are_equal(make(True), make(False))
+    assert not resolve(make(False)).can_be_copied
+    assert resolve(make(False)).origin.not_kept
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        (deque(maxlen=8), deque(maxlen=3)),
+        (defaultdict(int), defaultdict(list)),
+        (type("Numbers", (list,), {})(), None),
+    ],
+    ids=["deque", "defaultdict", "subclass"],
+)
+def test_containers_are_compared_with_all_they_have(a, b):
+    if b is None:
+        b = type(a)()
+        a.more = 1
+    assert not are_equal(a, b)
+
+
+@pytest.mark.parametrize("how", ["registered", "limit", "ours"])
+def test_an_id_that_means_another_environment_has_no_form_and_no_preset_of_ours(how, monkeypatch, tmp_path):
+    monkeypatch.setattr(gymnasium.envs.registration, "registry", dict(gymnasium.registry))
+    monkeypatch.setattr(gymnasium, "registry", gymnasium.envs.registration.registry)
+    monkeypatch.setattr(registry, "_ENTRIES", dict(registry._ENTRIES))
+    usual = gymnasium.registry["CartPole-v1"]
+    if how == "registered":
+        gymnasium.registry["CartPole-v1"] = gymnasium.envs.registration.EnvSpec("CartPole-v1", Recording)
+    elif how == "limit":
+        gymnasium.registry["CartPole-v1"] = dataclasses.replace(usual, max_episode_steps=17)
+    else:
+        sympol.register("CartPole-v1", Recording)
+    spec = resolve("CartPole-v1")
+    assert (spec.backend, spec.preset_id) == ("host", "")
+    env = spec.make_host()  # pyright: ignore[reportOptionalCall]
+    assert step_limit(env) == 17 if how == "limit" else isinstance(env.unwrapped, Recording)
+    sympol.PPO("tree", "CartPole-v1", num_envs=1).save(tmp_path)
+    with pytest.raises(RunError, match="CartPole-v1 had been registered anew"):
+        sympol.load(tmp_path)
+
+
+def test_naming_the_environment_of_a_run_again_means_it_with_its_arguments(tmp_path):
+    sympol.PPO("tree", "CartPole-v1", env_kwargs={"max_episode_steps": 5}, num_envs=1).save(tmp_path)
+    assert sympol.load(tmp_path, env="CartPole-v1").spec.max_episode_steps == 5
+    host = sympol.PPO("tree", "CartPole-v1", backend="host", num_envs=2, **TINY)
+    host.learn(progress_bar=False)
+    host.save(tmp_path)
+    assert sympol.load(tmp_path, env="CartPole-v1").tree() == host.tree()
 
 
 def test_the_object_is_one_of_the_copies_and_stays_open():

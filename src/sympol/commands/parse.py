@@ -17,6 +17,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 
 from ..algos.config import Config
 from ..algos.presets import preset
+from ..envs.arguments import to_plain
 from .arguments import Train
 from .sources import tree_from
 
@@ -81,7 +82,8 @@ def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
     A value is what Python or TOML reads in it: a number, True or true, None, a list, a text in quotes; or else a word.
 
     Raises:
-        ValueError: An argument of another form, a name given twice, or a value nested too deep.
+        ValueError: An argument of another form, a name given twice, a value nested too deep, or of a type that a run's
+            folder cannot keep, such as a date.
     """
     kwargs: dict[str, Any] = {}
     for argument in given:
@@ -93,6 +95,7 @@ def env_kwargs(given: Sequence[str]) -> dict[str, Any]:
         if name in kwargs:
             raise ValueError(f"--env-kwargs must name each argument once, got {name} twice")
         kwargs[name] = _value(value)
+        to_plain(kwargs[name], f"--env-kwargs {name}")
     return kwargs
 
 

@@ -31,6 +31,8 @@ def open_copies(spec: EnvSpec, wanted: int) -> Iterator[list[gymnasium.Env]]:
                 if not copies:
                     raise
                 break
+            if any(env is other for other in copies):
+                break  # a function that returns the same object each time
             stack.callback(env.close)
             copies.append(env)
         yield copies

@@ -20,10 +20,25 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.wrappers import HumanRendering, OrderEnforcing, PassiveEnvChecker, RenderCollection, TimeLimit
+from gymnasium.wrappers import (
+    HumanRendering,
+    OrderEnforcing,
+    PassiveEnvChecker,
+    RecordEpisodeStatistics,
+    RenderCollection,
+    TimeLimit,
+)
 
-WITHOUT_EFFECT = (OrderEnforcing, PassiveEnvChecker, HumanRendering, RenderCollection)
-"""Wrappers that `gymnasium.make` may add and that change nothing in what is observed or earned."""
+WITHOUT_EFFECT = (
+    OrderEnforcing,
+    PassiveEnvChecker,
+    HumanRendering,
+    RenderCollection,
+    RecordEpisodeStatistics,
+)
+"""Wrappers that change nothing in what is observed or earned."""
+_DRAWING = "pygame"
+"""The package of what is there only once an environment has been drawn."""
 
 _ADDRESS = re.compile("0x[0-9a-fA-F]+")
 
@@ -32,7 +47,8 @@ def are_equal(a: Any, b: Any) -> bool:
     """Return whether two objects have the same type and the same state, through all that they refer to.
 
     Environments are equal if their wrappers and all attributes are, apart from wrappers `WITHOUT_EFFECT`, from what
-    they know of how they were made (``spec``), and from how often a time limit is imposed.
+    they know of how they were made (``spec``), from what they draw with, and from how often a time limit is imposed in
+    the same place.
     """
     try:
         return _Comparison().equal(a, b)
@@ -44,6 +60,26 @@ def step_limit(env: gymnasium.Env) -> int | None:
     """Return the smallest number of steps to which a `TimeLimit` wrapper of the environment cuts episodes."""
     limits = [layer._max_episode_steps for layer in _layers(env) if isinstance(layer, TimeLimit)]
     return min(limits, default=None)
+
+
+def _limits(env: gymnasium.Env) -> dict[int, int]:
+    """Return the smallest time limit by its place: how many wrappers are outside that need not step once in a step."""
+    found: dict[int, int] = {}
+    outside = 0
+    for layer in _layers(env):
+        if type(layer) is TimeLimit:
+            found[outside] = min(layer._max_episode_steps, found.get(outside, layer._max_episode_steps))
+        elif not isinstance(
+            layer,
+            (gymnasium.ObservationWrapper, gymnasium.ActionWrapper, gymnasium.RewardWrapper, *WITHOUT_EFFECT),
+        ):
+            outside += 1
+    return found
+
+
+def _draws(value: object) -> bool:
+    home = getattr(type(value), "__module__", "")  # SWIG's types have none
+    return home.partition(".")[0] == _DRAWING
 
 
 def _layers(env: Any) -> Iterator[Any]:
@@ -70,7 +106,16 @@ class _Comparison:
         if pair in self._pairs:
             return True
         self._pairs[pair] = a, b  # kept alive, or a later object could have the same id
-        return self._equal(a, b)
+        return self._equal(a, b) and self._equal_extras(a, b)
+
+    def _equal_extras(self, a: Any, b: Any) -> bool:
+        """Compare what a container has besides its members."""
+        if not isinstance(a, dict | list | tuple | deque | set | frozenset | str | bytes | int | float):
+            return True
+        extras = (
+            [getattr(x, name, None) for name in ("__dict__", "maxlen", "default_factory")] for x in (a, b)
+        )
+        return all(map(self.equal, *extras))
 
     def _equal(self, a: Any, b: Any) -> bool:
         match a:
@@ -114,7 +159,7 @@ class _Comparison:
         return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")
 
     def _equal_envs(self, a: gymnasium.Env, b: gymnasium.Env) -> bool:
-        if step_limit(a) != step_limit(b):
+        if _limits(a) != _limits(b):
             return False
         ours, theirs = (
             [e for e in _layers(env) if type(e) not in (TimeLimit, *WITHOUT_EFFECT)] for env in (a, b)
@@ -129,6 +174,8 @@ class _Comparison:
         slots = _slots(a)
         if hasattr(a, "__dict__") or slots:
             ours, theirs = ({k: v for k, v in _attributes(x, slots).items() if k not in but} for x in (a, b))
+            drawing = {k for x in (ours, theirs) for k, v in x.items() if _draws(v)}
+            ours, theirs = ({k: v for k, v in x.items() if k not in drawing} for x in (ours, theirs))
             if type(ours.get("this")).__name__ == "SwigPyObject":
                 return _description(a) == _description(b)
             only_one = {name for name in ours.keys() ^ theirs.keys() if not _is_derived(type(a), name)}

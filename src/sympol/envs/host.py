@@ -156,6 +156,11 @@ class HostEnvs:
                 maker.close()
             raise
         self._copies: Any = self._envs.envs
+        if len({id(copy.env) for copy in self._copies}) < num_envs:
+            raise ValueError(
+                f"num_envs must be 1, got {num_envs}: the function that makes the environment returns the same object "
+                "each time; let it make a new one"
+            )
 
     @property
     def num_envs(self) -> int:

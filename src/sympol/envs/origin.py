@@ -21,15 +21,10 @@ KEPT_WRAPPERS = (
     "ClipAction",
     "ClipReward",
     "DelayObservation",
-    "DiscretizeAction",
-    "DiscretizeObservation",
     "DtypeObservation",
     "FilterObservation",
     "FlattenObservation",
     "FrameStackObservation",
-    "MaxAndSkipObservation",
-    "RecordEpisodeStatistics",
-    "RepeatAction",
     "RescaleAction",
     "RescaleObservation",
     "ReshapeObservation",
@@ -37,7 +32,11 @@ KEPT_WRAPPERS = (
     "TimeAwareObservation",
 )
 """Gymnasium's wrappers that a run's folder may name: they write no files and carry nothing from one episode to the
-next, unlike those that normalize by statistics they gather."""
+next, unlike those that normalize by statistics they gather; a time limit means the same inside and outside of them."""
+
+
+_LARGEST = 1000
+"""Observations that a wrapper stacks or delays; each is kept in memory."""
 
 
 class Wrapping(NamedTuple):
@@ -164,6 +163,8 @@ def wrap(env: gymnasium.Env, wrappers: Sequence[Wrapping]) -> gymnasium.Env:
     for name, kwargs in wrappers:
         if name not in KEPT_WRAPPERS or not hasattr(gymnasium.wrappers, name):
             raise ValueError(f"wrapper must be one of {', '.join(KEPT_WRAPPERS)}, got {name!r}")
+        if any(isinstance(value, int) and value > _LARGEST for value in kwargs.values()):
+            raise ValueError(f"arguments of {name} must be at most {_LARGEST:,}, got {dict(kwargs)}")
         with _quietly():
             env = getattr(gymnasium.wrappers, name)(env, **kwargs)
     return env

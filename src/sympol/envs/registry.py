@@ -23,8 +23,8 @@ from .equality import step_limit
 from .host import EnvironmentFailure, MissingExtra
 from .jax_env import kept_to_protocol, time_limit
 from .mountain_car import MountainCar, MountainCarContinuous
-from .names import known_names
-from .native import has_task
+from .names import NAMES, known_names
+from .native import TASKS, has_task
 from .origin import Origin, Wrapping, copier, describe, wrap
 from .pendulum import Pendulum
 from .spaces import Features, action_spec, require_spaces
@@ -95,8 +95,31 @@ for _id in minigrid.TASKS:
     register(_id, partial(_minigrid, minigrid.make, _id), host=partial(_minigrid, minigrid.make_host, _id))
 
 
+_BUILT_IN = dict(_ENTRIES)
+_OWN_ENTRY_POINTS = ("gymnasium.envs.", "minigrid.", "sympol.")
+
+
+def _was_replaced(env_id: str) -> bool:
+    """Whether an id of Gymnasium's or ours now means another environment: it was registered anew, or altered."""
+    if env_id in _BUILT_IN and _ENTRIES[env_id].env not in (None, _BUILT_IN[env_id].env):
+        return True
+    spec = gymnasium.registry.get(env_id)
+    if spec is None or not (env_id in _BUILT_IN or env_id in NAMES or env_id in TASKS):
+        return False
+    limit = getattr(_BUILT_IN[env_id].env, "max_episode_steps", None) if env_id in _BUILT_IN else None
+    return (
+        not isinstance(spec.entry_point, str)
+        or not spec.entry_point.startswith(_OWN_ENTRY_POINTS)
+        or bool(spec.additional_wrappers)
+        or (limit is not None and (spec.max_episode_steps != limit or bool(spec.kwargs)))
+    )
+
+
 def _entry(env_id: str) -> Entry:
     """What is known of an id: what was registered; of the rest of MiniGrid's, how to make it on the host."""
+    known = _ENTRIES.get(env_id)
+    if known is not None and known == _BUILT_IN.get(env_id) and _was_replaced(env_id):
+        return Entry()  # what Gymnasium makes of it is not what our form of it does
     if env_id not in _ENTRIES and env_id.startswith(minigrid.FAMILIES):
         return Entry(host=partial(_minigrid, minigrid.make_host, env_id))
     return _ENTRIES.get(env_id, Entry())
@@ -144,6 +167,8 @@ def resolve(
     name = env if isinstance(env, str) else _name(example)
     if isinstance(env, str) or (name in _ENTRIES and _ENTRIES[name].env is env):  # its name makes it again
         find_origin = partial(Origin.of_arguments, kwargs, tuple(wrappers))
+    if _was_replaced(name):
+        find_origin = partial(Origin, kwargs, tuple(wrappers), f"where {name} had been registered anew")
     jax_env = None if isinstance(example, gymnasium.Env) else example
     if jax_env is not None and entry.host is not None:
         make_host = partial(entry.host, **kwargs)
@@ -156,7 +181,9 @@ def resolve(
             f"{name} is written in JAX and has no form in Gymnasium; use backend='jax' or 'auto'"
         )
     in_jax = jax_env is not None and backend in ("auto", "jax")
-    as_it_is = isinstance(env, str) and not (entry.env or entry.host or kwargs or wrappers)
+    as_it_is = isinstance(env, str) and not (
+        entry.env or entry.host or kwargs or wrappers or _was_replaced(name)
+    )
     is_native = not in_jax and backend != "host" and has_task(name, as_it_is, insist=backend == "native")
 
     known = known_names(example, name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -114,6 +115,22 @@ class EnvSpec:
             )
         makers = chain([own], repeat(copies))
         return HostEnvs(lambda: next(makers)(), num_envs, self.features)
+
+
+class OneCopy(UserWarning):
+    """An environment object is trained on alone, because no copy of it is proven to be the same."""
+
+
+def warn_of_one_copy(spec: EnvSpec) -> None:
+    """Warn where an object of Gymnasium's could have been expected to be copied, and is not."""
+    if spec.has_one_copy and spec.name in gymnasium.registry and not spec.can_be_copied:
+        warnings.warn(
+            f"the {spec.name} given is trained on alone (num_envs=1): it differs from what its spec makes, because it "
+            "was changed, is wrapped in something that does not record its arguments, or is in use; for more copies "
+            "give a function that makes it",
+            OneCopy,
+            stacklevel=3,
+        )
 
 
 class _Lent(gymnasium.Wrapper):

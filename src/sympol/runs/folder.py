@@ -226,6 +226,8 @@ class Run:
     def resolve_env(self) -> EnvSpec:
         """Return the environment the run was made on, or the one it was opened with, under the names of the run.
 
+        Naming the run's own id means its environment, with the arguments and wrappers that the folder keeps.
+
         Where Numba is not installed a run that trained with its machine code can be read, and only refuses to train on.
 
         Raises:
@@ -235,18 +237,19 @@ class Run:
         names = {name: self.about[name] for name in ("feature_names", "action_names", "groups")}
         if isinstance(self._env, EnvSpec):
             return self._env
-        if self._env is not None:
+        is_named = isinstance(self._env, str) and _id(self._env) == _id(self.about["env"])
+        if self._env is not None and not is_named:
             return resolve(self._env, **names)
         backend = self.about["backend"]
         without_numba = backend == "native" and not native.is_installed()
         remedy = (
             "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id"
         )
-        name = self.about["env"]
+        name: str = self._env if isinstance(self._env, str) else self.about["env"]
         origin = Origin.from_dict(self.about)
         if origin.not_kept:
             raise RunError(f"{self.path} was trained on {name}, {origin.not_kept}; {remedy}")
-        require_no_import(name, self.path, trust=self._trust)
+        require_no_import(name, self.path, trust=self._trust or is_named)
         try:
             spec = resolve(
                 name,
@@ -458,6 +461,11 @@ def _clear(path: Path) -> None:
         _remove_if_empty(folder)
     for name in (*_MADE, CONFIG, _START):
         (path / name).unlink(missing_ok=True)
+
+
+def _id(env: str) -> str:
+    """An environment's id without the module that registers it."""
+    return env.rpartition(":")[2]
 
 
 def _remove_if_empty(folder: Path) -> None:
