@@ -23,20 +23,6 @@ from ..tiny import TRAIN, agent, csv_without_time, quick_compiles, refused, stat
 __all__ = ["quick_compiles"]
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory) -> Path:
-    run = tmp_path_factory.mktemp("finished") / "run"
-    assert status_of("train", *TRAIN, "--run-dir", run) == 0
-    return run
-
-
-@pytest.fixture
-def run(finished, tmp_path) -> Path:
-    """A copy to damage."""
-    shutil.copytree(finished, tmp_path / "run")
-    return tmp_path / "run"
-
-
 def newest(run: Path) -> list[Path]:
     return sorted((run / "checkpoints").glob("*.safetensors"), reverse=True)
 

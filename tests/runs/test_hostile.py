@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import shutil
 from pathlib import Path
 
 import pytest
@@ -13,23 +12,9 @@ import pytest
 import sympol
 from sympol.runs import checkpoint
 
-from ..tiny import TRAIN, quick_compiles, refused, status_of
+from ..tiny import quick_compiles, refused, status_of
 
 __all__ = ["quick_compiles"]
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory) -> Path:
-    run = tmp_path_factory.mktemp("finished") / "run"
-    assert status_of("train", *TRAIN, "--run-dir", run) == 0
-    return run
-
-
-@pytest.fixture
-def run(finished, tmp_path) -> Path:
-    """A copy to damage."""
-    shutil.copytree(finished, tmp_path / "run")
-    return tmp_path / "run"
 
 
 @pytest.fixture(autouse=True)

@@ -37,20 +37,6 @@ sys.stdin.read()
 """
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory) -> Path:
-    run = tmp_path_factory.mktemp("finished") / "run"
-    assert status_of("train", *TRAIN, "--run-dir", run) == 0
-    return run
-
-
-@pytest.fixture
-def run(finished, tmp_path) -> Path:
-    """A copy to damage."""
-    shutil.copytree(finished, tmp_path / "run")
-    return tmp_path / "run"
-
-
 @pytest.fixture
 def unfinished(run) -> Path:
     """One that was stopped before its last checkpoint was written, and before there were results."""
