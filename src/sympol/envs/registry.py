@@ -101,7 +101,7 @@ _OWN_ENTRY_POINTS = ("gymnasium.envs.", "minigrid.", "sympol.")
 
 def _was_replaced(env_id: str) -> bool:
     """Whether an id of Gymnasium's or ours now means another environment: it was registered anew, or altered."""
-    if env_id in _BUILT_IN and _ENTRIES[env_id].env not in (None, _BUILT_IN[env_id].env):
+    if env_id in _BUILT_IN and _ENTRIES.get(env_id, Entry()).env not in (None, _BUILT_IN[env_id].env):
         return True
     spec = gymnasium.registry.get(env_id)
     if spec is None or not (env_id in _BUILT_IN or env_id in NAMES or env_id in TASKS):

@@ -80,7 +80,7 @@ def read_properties(path: PathLike[str]) -> tuple[Property, ...]:
     try:
         text = files.read_text(Path(path))
     except ValueError as error:
-        raise ValueError(f"{path} cannot be read: {error}") from error
+        raise ValueError(f"{path} is not TOML and cannot be read: {error}") from error
     content = parse_toml(text, str(path), most=LARGEST_BY_HAND)
     tables = content.get("property")
     if set(content) != {"property"} or not isinstance(tables, list) or not tables:
