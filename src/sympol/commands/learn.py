@@ -59,7 +59,7 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
     first, began = agent.num_timesteps, time.perf_counter()
     try:
         with (
-            _ask_to_stop(lambda: agent.is_training and agent.state is not None, saved.words) as asked,
+            _ask_to_stop(has_begun, saved.words) as asked,
             warnings_in_one_line(),
         ):
             if agent.num_timesteps < agent.config.total_timesteps:
