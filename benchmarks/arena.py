@@ -2,7 +2,8 @@
 
     python -m benchmarks.arena [--trees N] [--episodes N] [--repeats N]
 
-Many complete trees of 15 and of 63 nodes, drawn at random, each on the same episodes (`sympol.refine.arena`); of the
+Many complete trees of 15 and of 63 nodes, drawn at random, each on the same episodes
+(`sympol.search.evaluators.base`); of the
 environments written in JAX in a compiled program, of MiniGrid's small worlds also from tables, of LunarLander in
 machine code beside Gymnasium. One leaf means the same with trees that compare nothing, which is what the environment
 alone does. In turns, the best of all repeats of each, by the clock and by the processor's time: on a shared machine the
@@ -22,9 +23,9 @@ from rich.table import Table
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.refine.arena import Arena, make_arena
-from sympol.refine.compiled import CompiledArena
-from sympol.refine.tabular import TableArena
+from sympol.search.evaluators.base import Arena, make_arena
+from sympol.search.evaluators.jax import CompiledArena
+from sympol.search.evaluators.tabular import TableArena
 from sympol.trees import DecisionTree
 
 from .timing import write

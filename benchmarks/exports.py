@@ -31,7 +31,7 @@ from rich.table import Table
 import sympol
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree
-from sympol.trees.export import trial
+from sympol.trees.export import check as trial
 
 from .timing import ROOT, write
 

@@ -140,7 +140,7 @@ def _place(error: BaseException, *, innermost: bool) -> str:
     here = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
     files = [(Path(frame.f_code.co_filename), frame.f_code.co_name) for frame in here]
     ours = [(path.relative_to(source), name) for path, name in files if path.is_relative_to(source)]
-    behind = [one for one in ours if one[0].parts[0] not in ("commands", "cli.py")] or ours
+    behind = [one for one in ours if one[0].parts[0] not in ("cli",)] or ours
     if not ours:
         return ": ".join(map(str, files[-1])) if files else "?"
     return ": ".join(map(str, ours[-1] if innermost else behind[0]))

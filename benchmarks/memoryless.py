@@ -24,7 +24,7 @@ from scipy.sparse import coo_array, csr_array
 from tests.envs.minigrid_worlds import all_starts
 
 from sympol.envs.minigrid import make, reach
-from sympol.refine.tabular import world_of
+from sympol.search.evaluators.tabular import world_of
 
 from .minigrid import PAPER
 from .timing import write

@@ -26,7 +26,7 @@ from sympol.envs.minigrid import MiniGrid
 from sympol.envs.minigrid.reach import all_starts, keys, steps_to_goal
 from sympol.envs.spec import EnvSpec
 from sympol.play import episode_seed, play
-from sympol.refine.tabular import world_of
+from sympol.search.evaluators.tabular import world_of
 from sympol.trees import DecisionTree
 
 from .timing import write_environments

@@ -3,7 +3,8 @@
     python -m benchmarks.races [--episodes N] [--trees N] [--repeats N]
 
 The best kept trees of LunarLander with at most 63 nodes, one of each search (results/fronts), raced by their random
-questions (`sympol.refine.sprouts`) and by their cuts (`sympol.refine.cuts`): each tree alone (`Arena.play`) and all as
+questions (`sympol.search.insertions`) and by their cuts (`sympol.search.prunings`): each tree alone
+(`Arena.play`) and all as
 changes of one (`Arena.play_changed`), which brings the same returns. Writes results/races.json.
 """
 
@@ -18,10 +19,10 @@ from rich.table import Table
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.pareto.gallery import load
-from sympol.refine.arena import make_arena
-from sympol.refine.cuts import cut_at, cuts
-from sympol.refine.sprouts import grown, sprouts
+from sympol.search.evaluators.base import make_arena
+from sympol.search.front.gallery import load
+from sympol.search.insertions import grown, sprouts
+from sympol.search.prunings import cut_at, cuts
 from sympol.trees import DecisionTree
 
 from .timing import ROOT, interleaved, write

@@ -18,7 +18,7 @@ from typing import Any
 
 from PIL import Image
 
-from sympol.cli import main as sympol
+from sympol.cli.app import main as sympol
 from sympol.runs.folder import Run
 
 from .timing import ROOT, write

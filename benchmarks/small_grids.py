@@ -19,9 +19,9 @@ from typing import Any
 from tests.envs.minigrid_worlds import all_starts
 
 from sympol.envs.minigrid import TASKS, make
-from sympol.pareto.front import Front
-from sympol.pareto.gallery import load_all
-from sympol.pareto.references import targets
+from sympol.search.front.front import Front
+from sympol.search.front.gallery import load_all
+from sympol.search.front.references import targets
 
 from .minigrid import returns_from_all_starts
 from .timing import ROOT, write

@@ -16,9 +16,9 @@ from rich.console import Console
 from rich.table import Table
 
 import sympol
-from sympol.refine.arena import Arena, make_arena
-from sympol.refine.digits import digits_of, round_thresholds
-from sympol.refine.shrink import shrink
+from sympol.search.evaluators.base import Arena, make_arena
+from sympol.search.prune_by_return import shrink
+from sympol.search.round_thresholds import digits_of, round_thresholds
 from sympol.trees import DecisionTree
 
 from .timing import write_environments

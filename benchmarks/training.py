@@ -23,12 +23,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from sympol.algos.collect import collect, empty_rollout
-from sympol.algos.config import Config
-from sympol.algos.ppo import learn
-from sympol.algos.presets import preset
-from sympol.algos.train import CompiledTrainer, stops
-from sympol.algos.validate import limit_in, validate
+from sympol.algorithms.collect import collect, empty_rollout
+from sympol.algorithms.config import Config
+from sympol.algorithms.ppo import learn
+from sympol.algorithms.presets import preset
+from sympol.algorithms.train import CompiledTrainer, stops
+from sympol.algorithms.validate import limit_in, validate
 from sympol.envs.registry import resolve
 from sympol.policies.distributions import distribution_of
 
@@ -41,7 +41,16 @@ SOLVED = 475.0
 def run(cache: str, *arguments: str) -> dict[str, Any]:
     """One `sympol train` as a user runs it; its summary, and the seconds from process start to its end."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "sympol.cli", "train", ENV, "--json", "--run-dir", f"{folder}/run"]
+        command = [
+            sys.executable,
+            "-m",
+            "sympol.cli.app",
+            "train",
+            ENV,
+            "--json",
+            "--run-dir",
+            f"{folder}/run",
+        ]
         began = time.perf_counter()
         done = subprocess.run(
             [*command, *arguments],

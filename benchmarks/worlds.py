@@ -21,11 +21,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from sympol.algos.collect import collect, empty_rollout, reset_envs
-from sympol.algos.config import Config
-from sympol.algos.init import init_state, normalizer_of
-from sympol.algos.state import TrainState
-from sympol.algos.trainer import COMPILER_OPTIONS
+from sympol.algorithms.collect import collect, empty_rollout, reset_envs
+from sympol.algorithms.config import Config
+from sympol.algorithms.init import init_state, normalizer_of
+from sympol.algorithms.state import TrainState
+from sympol.algorithms.trainer import COMPILER_OPTIONS
 from sympol.envs.registry import resolve
 from sympol.envs.spec import Backend, EnvSpec
 from sympol.play import sample_actions

@@ -17,8 +17,8 @@ from rich.console import Console
 import sympol
 from sympol.envs.minigrid import random_layouts
 from sympol.envs.minigrid.host import rows_of
-from sympol.film.routes import Map, Route, draw_routes
-from sympol.film.strip import strip
+from sympol.film.contact_sheet import strip
+from sympol.film.trajectory_plot import Map, Route, draw_routes
 
 FIXED, RANDOM = "MiniGrid-DistShift1-v0", "sympol/DistShift-Random-v0"
 LAYOUTS = [{"strip2_row": row, "goal": goal} for row, goal in random_layouts()]

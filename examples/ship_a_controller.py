@@ -19,7 +19,7 @@ import sympol
 from sympol.play import play
 from sympol.trees.diff import diff
 from sympol.trees.export.c import to_c, to_c_header
-from sympol.trees.force import force
+from sympol.trees.override import force
 
 say = Console(highlight=False, markup=False, soft_wrap=True).print
 

@@ -1,4 +1,4 @@
-"""Imports go one way: types ← functional ← policies ← algos ← agents ← cli."""
+"""Imports go one way: types ← functional ← policies ← algorithms ← agents ← cli."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ PACKAGE = "sympol"
 BELOW: dict[str, set[str]] = {
     "files": set(),
     "bounded": set(),
-    "trees": {"files", "bounded"},
     "types": set(),
-    "functional": {"types", "trees"},
-    "envs": {"types", "trees", "compilation"},
-    "policies": {"types", "functional", "trees"},
-    "algos": {"types", "functional", "policies", "envs", "trees", "compilation", "files", "bounded"},
-    "distill": {"types", "functional", "policies", "envs", "trees", "algos", "play"},
     "compilation": set(),
     "threads": set(),
     "interrupts": set(),
     "terminal": set(),
+    "trees": {"files", "bounded"},
+    "results": {"trees", "files", "bounded"},
+    "functional": {"types", "trees"},
+    "envs": {"types", "trees", "compilation"},
+    "policies": {"types", "functional", "trees"},
+    "algorithms": {"types", "functional", "policies", "envs", "trees", "compilation", "files", "bounded"},
+    "distill": {"types", "functional", "policies", "envs", "trees", "algorithms", "play"},
     "film": {"types", "envs", "trees", "files"},
     "play": {"envs", "trees"},
     "evaluate": {"types", "envs", "trees", "film", "play"},
-    "runs": {"types", "envs", "trees", "algos", "files", "bounded"},
+    "runs": {"types", "envs", "trees", "algorithms", "files", "bounded"},
     "serving": {"envs", "trees", "play"},
-    "refine": {"types", "policies", "envs", "trees", "algos", "play", "threads", "compilation"},
+    "parallel": {"compilation", "files", "bounded", "interrupts", "terminal"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
-TOP = ["agents", "teachers", "training", "reports", "experiments", "pareto", "commands", "cli"]
+TOP = ["search", "agents", "teachers", "training", "search.front", "report", "tune", "bench", "cli"]
 for above in TOP:
     BELOW[above] = {*BELOW}  # what comes later in TOP is not in it yet
 BELOW["__main__"] = {"cli"}
@@ -46,7 +47,9 @@ LAZY = "__init__"
 
 
 def room(module: str) -> str:
-    """``sympol.algos.ppo`` is in ``algos``."""
+    """``sympol.algorithms.ppo`` is in ``algos``."""
+    if module.startswith("sympol.search.front"):
+        return "search.front"  # what stands on agents; the rest of the room is below them
     return module.split(".")[1] if "." in module else LAZY
 
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import sympol
-from sympol.algos.config import Config
-from sympol.algos.rules import applies
-from sympol.commands import COMMANDS
-from sympol.commands.parse import parse_train
+from sympol.algorithms.config import Config
+from sympol.algorithms.rules import applies
+from sympol.cli.commands import COMMANDS
+from sympol.cli.parse import parse_train
 from sympol.runs.folder import Run
 from sympol.runs.metrics import COLUMNS, TensorBoard
 from sympol.trees import DecisionTree
@@ -138,7 +138,7 @@ def test_show(run, capsys):
 
 def test_a_terminal_without_unicode_still_shows_the_tree(run):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    command = [sys.executable, "-m", "sympol.cli", "show", str(run)]
+    command = [sys.executable, "-m", "sympol.cli.app", "show", str(run)]
     done = subprocess.run(command, check=True, capture_output=True, env=environment)
     assert b" <= " in done.stdout
     assert b"\\u" not in done.stdout
@@ -194,7 +194,7 @@ def test_help(command, capsys):
 
 
 def test_help_shows_the_environment_s_own_preset(capsys):
-    from sympol.algos.presets import preset
+    from sympol.algorithms.presets import preset
 
     for words in (["CartPole-v1", "--help"], ["--seed", "3", "CartPole-v1", "--help"]):
         assert status_of("train", *words) == 0
@@ -251,20 +251,18 @@ def test_every_field_is_a_flag(tmp_path, monkeypatch, algorithm, policy):
         else:
             words += [f"--{flag}", *map(str, value if isinstance(value, tuple) else (value,))]
     seen = []
-    monkeypatch.setattr(
-        "sympol.commands.train.learn", lambda agent, run, *_, **__: seen.append(agent.config) or 0
-    )
+    monkeypatch.setattr("sympol.cli.train.learn", lambda agent, run, *_, **__: seen.append(agent.config) or 0)
     assert status_of("train", "CartPole-v1", *words, "--run-dir", tmp_path / "run") == 0
     assert dataclasses.asdict(seen[0]) == new
     assert Run.open(tmp_path / "run").config == seen[0]
 
 
 def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
-    from sympol.algos.presets import preset
+    from sympol.algorithms.presets import preset
 
     seen = []
     monkeypatch.setattr(
-        "sympol.commands.train.learn", lambda agent, run, *_, **__: seen.append((agent.config, run)) or 0
+        "sympol.cli.train.learn", lambda agent, run, *_, **__: seen.append((agent.config, run)) or 0
     )
     for i, words in enumerate(
         (["CartPole-v1", "--preset", "paper"], ["--preset=paper", "--seed", "3", "CartPole-v1"])
@@ -408,7 +406,7 @@ def test_an_environment_that_fails_in_the_test_episodes(tmp_path, capsys, monkey
         raise ZeroDivisionError("no track")
 
     with monkeypatch.context() as patch:
-        patch.setattr("sympol.commands.learn.play", trouble)
+        patch.setattr("sympol.cli.learn.play", trouble)
         assert status_of("train", *TRAIN, "--run-dir", tmp_path / "run") == 1
     said = capsys.readouterr().err
     assert "error: in the test episodes, after training: ZeroDivisionError: no track" in said

@@ -10,13 +10,13 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 import sympol
-from sympol.algos.collect_host import host_seed
+from sympol.algorithms.collect_host import host_seed
 from sympol.envs.doubts import EpisodesCut, SameEpisodes
 from sympol.envs.host import EnvironmentFailure, HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 from sympol.play import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
-from sympol.refine.arena import make_arena
+from sympol.search.evaluators.base import make_arena
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 
 from .tiny import Chain, trained

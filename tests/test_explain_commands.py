@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.commands.sources import tree_from
+from sympol.cli.tree_io import tree_from
 from sympol.envs.registry import resolve
 from sympol.play import play
 from sympol.trees.edit import set_threshold

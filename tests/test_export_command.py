@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.cli import main
+from sympol.cli.app import main
 from sympol.trees import DecisionTree
-from sympol.trees.export import FORMATS, trial
+from sympol.trees.export import FORMATS
+from sympol.trees.export import check as trial
 
 TREE = Path(__file__).parent / "golden" / "trees" / "trained_cartpole.json"
 

@@ -10,8 +10,8 @@ from PIL import Image
 from sympol.envs.minigrid import TASKS, random_layouts
 from sympol.envs.minigrid.cells import OBJECTS
 from sympol.envs.registry import resolve
-from sympol.film.routes import COLOURS, Map, Route, draw_routes
-from sympol.film.strip import strip
+from sympol.film.contact_sheet import strip
+from sympol.film.trajectory_plot import COLOURS, Map, Route, draw_routes
 
 SHADES = [Image.new("RGB", (96, 48), (60 * i, 255 - 60 * i, 0)) for i in range(4)]
 WORLD = (("wall", "empty", "goal"), ("lava", "empty", "empty"))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import sympol
-from sympol.cli import main
+from sympol.cli.app import main
 from sympol.runs.about import RunError
 
 MODULE = """
@@ -104,7 +104,8 @@ def test_load_and_the_user_s_word(hostile):
 
 @pytest.mark.parametrize("said", ["--trust", "--env evil_module:Evil-v0"])
 def test_a_command_that_is_told_to_imports_the_module(said, hostile):
-    program = f"import sys; from sympol.cli import main; sys.exit(main('eval runs/tree --episodes 2 {said}'.split()))"
+    words = f"eval runs/tree --episodes 2 {said}".split()
+    program = f"import sys; from sympol.cli.app import main; sys.exit(main({words}))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=hostile)
     assert done.returncode == 0, done.stderr
     assert "over 2 episodes" in done.stdout

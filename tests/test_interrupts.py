@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import sympol
-from sympol.commands.learn import _ask_to_stop
+from sympol.cli.learn import _ask_to_stop
 
 from .tiny import TINY, flags, start
 

@@ -16,14 +16,14 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 import sympol
 from sympol import DecisionTree, Start
 from sympol.agents import Agent, Report
-from sympol.algos.config import Config, ConfigError
-from sympol.experiments.recipes import same_config
+from sympol.algorithms.config import Config, ConfigError
+from sympol.bench.method_specs import same_config
 from sympol.functional import hard_tree
 from sympol.policies.extract import extract_tree
 from sympol.policies.tree import Tree
-from sympol.refine.cuts import cut_at, cuts
-from sympol.refine.limit import moment, shaped
-from sympol.refine.shape import CLOSED, close, open_tree
+from sympol.search.masking import CLOSED, close, open_tree
+from sympol.search.prunings import cut_at, cuts
+from sympol.search.size_limit import moment, shaped
 from sympol.trees import ActionSpec
 from tests.tiny import TINY, Chain, flags, quick_compiles, read_summary, refused, status_of
 from tests.trees.samples import ACTIONS, telling_observations

@@ -14,7 +14,7 @@ import pytest
 from benchmarks import no_loss, timing
 
 import sympol
-from sympol.algos.init import init_state, normalizer_of
+from sympol.algorithms.init import init_state, normalizer_of
 from sympol.play import play
 from sympol.policies.distributions import distribution_of
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.algos.config import Config
-from sympol.cli import main
+from sympol.algorithms.config import Config
+from sympol.cli.app import main
 from sympol.envs.registry import resolve
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree, DiscreteActions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sympol.commands.parse import env_kwargs, parse_train
+from sympol.cli.parse import env_kwargs, parse_train
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,15 @@ import pytest
 from PIL import Image
 
 import sympol
-from sympol.algos.config import Config
-from sympol.cli import main
+from sympol.algorithms.config import Config
+from sympol.cli.app import main
 from sympol.envs.registry import resolve
 from sympol.evaluate import evaluate_policy
-from sympol.reports import compare, report
-from sympol.reports.episodes import DRAWN, filmed
-from sympol.reports.frames import MOST_BYTES, Frames, within_budget
-from sympol.reports.report import _telling
+from sympol.report import compare
+from sympol.report import page as report
+from sympol.report.episodes import DRAWN, filmed
+from sympol.report.frames import MOST_BYTES, Frames, within_budget
+from sympol.report.page import _telling
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree
 
@@ -183,7 +184,7 @@ def test_what_the_page_cannot_draw_comes_as_frames():
 
 def test_long_episodes_are_cut_so_that_the_page_stays_small(monkeypatch):
     spec = resolve("CartPole-v1", backend="host")
-    monkeypatch.setattr("sympol.reports.episodes.MOST_NUMBERS", 4 * 2 * 6)
+    monkeypatch.setattr("sympol.report.episodes.MOST_NUMBERS", 4 * 2 * 6)
     played, _ = filmed([pole(), pole()], spec, [3], lambda words: None)
     for (episode,) in played:
         assert (episode["length"], episode["end"]) == (6, "stopped")

@@ -13,7 +13,7 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 
 import sympol
 from sympol.agents import Agent
-from sympol.algos.state import TrainState
+from sympol.algorithms.state import TrainState
 
 from .tiny import Chain, csv_without_time, flags, quick_compiles, read_summary, refused, status_of
 

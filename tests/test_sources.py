@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.commands.sources import spec_from, tree_from
+from sympol.cli.tree_io import spec_from, tree_from
 from sympol.runs.about import RunError
 from sympol.trees import DecisionTree, DiscreteActions
 

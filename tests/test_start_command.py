@@ -12,11 +12,11 @@ import pytest
 
 import sympol
 from sympol import DecisionTree
-from sympol.commands.parse import parse_train
+from sympol.cli.parse import parse_train
 from sympol.runs.about import RunError
 from sympol.trees.edit import graft
 
-from .algos.test_start import RIGHT, TREE, hand_written
+from .algorithms.test_start import RIGHT, TREE, hand_written
 from .runs.test_interrupted import MANY, assert_same, newest, wait_for_saves
 from .tiny import TRAIN, flags, quick_compiles, read_summary, refused, start, status_of
 from .trees.samples import HOSTILE_NAMES, telling_observations
@@ -105,7 +105,7 @@ def test_begun_from_a_tree_it_is_gone_on_with_only_from_that_tree(hand, tmp_path
     run = tmp_path / "run"
     words = ["train", *TRAIN, "--start", str(hand), "--run-dir", str(run)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sympol.commands.learn.finish", interrupt)
+        patch.setattr("sympol.cli.learn.finish", interrupt)
         assert status_of(*words) == 130
     capsys.readouterr()
     without = [word for word in words if word not in ("--start", str(hand))]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.commands.say import err, out
+from sympol.cli.console import err, out
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
 
 from .tiny import quick_compiles, refused, status_of, trained
@@ -91,7 +91,7 @@ def test_consoles_print_what_they_are_given_as_text(capfd):
 def in_c_locale(*words: object, folder: Path) -> subprocess.CompletedProcess[bytes]:
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("LC_", "LANG"))}
     environment |= {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": ""}
-    command = [sys.executable, "-m", "sympol.cli", *map(str, words)]
+    command = [sys.executable, "-m", "sympol.cli.app", *map(str, words)]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=False)
 
 
@@ -123,7 +123,7 @@ def test_in_the_c_locale_all_is_ascii_that_can_be_read(tmp_path):
     ],
 )  # fmt: skip
 def test_characters_that_a_terminal_lacks_can_be_read(words, ascii):
-    import sympol.cli  # noqa: F401  # which says how
+    import sympol.cli.app  # noqa: F401  # which says how
 
     assert words.encode("ascii", "sympol.readable").decode() == ascii
     assert "≤ é".encode("latin-1", "sympol.readable") == b"<= \xe9"

@@ -12,17 +12,17 @@ import pytest
 import tomli_w
 
 import sympol
-from sympol.algos.config import ConfigError
-from sympol.algos.presets import preset
-from sympol.commands.parse import parse_train
-from sympol.experiments import study as module
-from sympol.experiments.study import open_study, search_of
-from sympol.experiments.tune_report import best_trials, save_preset
+from sympol.algorithms.config import ConfigError
+from sympol.algorithms.presets import preset
+from sympol.cli.parse import parse_train
 from sympol.runs.folder import Run
+from sympol.tune import study as module
+from sympol.tune.report import best_trials, save_preset
+from sympol.tune.study import open_study, search_of
 
-from .experiments.postgres import free_port
-from .experiments.tuning import EVALS, SPACE, STEPS, Scripted, as_others_compute, tiny_preset
 from .tiny import quick_compiles, refused, status_of
+from .tune.postgres import free_port
+from .tune.tuning import EVALS, SPACE, STEPS, Scripted, as_others_compute, tiny_preset
 
 __all__ = ["as_others_compute", "quick_compiles"]
 
@@ -38,7 +38,7 @@ def small(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.fixture
 def scripted(monkeypatch: pytest.MonkeyPatch) -> Any:
     def use(*curves: Any) -> None:
-        monkeypatch.setattr("sympol.experiments.tune.agent_of", Scripted(*curves))
+        monkeypatch.setattr("sympol.tune.tune.agent_of", Scripted(*curves))
 
     return use
 
@@ -169,7 +169,7 @@ def test_an_unreachable_database_is_one_line_without_the_password(capsys):
 
 def test_an_unreachable_scheduler_is_one_line(capsys, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("sympol.experiments.workers.dask._PATIENCE", 1)
+    monkeypatch.setattr("sympol.parallel.dask._PATIENCE", 1)
     error = refused_after_a_plan(capsys, *words(1, "--scheduler", f"tcp://127.0.0.1:{free_port()}"), status=1)
     assert "no Dask scheduler answers at" in error
 

@@ -17,15 +17,16 @@ from gymnasium.spaces import Box, Discrete
 from PIL import Image
 
 import sympol
-from sympol.algos.config import Config
-from sympol.cli import main
+from sympol.algorithms.config import Config
+from sympol.cli.app import main
 from sympol.envs.registry import resolve
-from sympol.film import files, record, screen
+from sympol.film import files, record
+from sympol.film import frame_layout as screen
 from sympol.film.rendering import rendering
 from sympol.play import play
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree, DiscreteActions
-from sympol.trees.plot_ways import Ways
+from sympol.trees.plot_paths import Ways
 
 from .trees.samples import HOSTILE_NAMES
 

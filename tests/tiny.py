@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import sympol
-from sympol.cli import main
+from sympol.cli.app import main
 
 TINY: dict[str, Any] = {
     "total_timesteps": 2048,
@@ -88,7 +88,7 @@ def start(*arguments: str | Path, folder: Path, **variables: str) -> subprocess.
         "SYMPOL_CACHE_DIR": "",
         **variables,
     }
-    command = [sys.executable, "-m", "sympol.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "sympol.cli.app", *map(str, arguments)]
     pipes: dict[str, Any] = {
         "stdout": subprocess.PIPE,
         "stderr": subprocess.PIPE,

@@ -19,7 +19,7 @@ STARTED = time.perf_counter()
 
 if TYPE_CHECKING:
     from .agents import A2C, PPO, load
-    from .algos.start import Start
+    from .algorithms.warm_start import Start
     from .envs.registry import register, resolve
     from .evaluate import evaluate_policy, watch
     from .serving import RecordDecisions, SymbolicPolicy
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "A2C": "agents",
     "PPO": "agents",
-    "Start": "algos.start",
+    "Start": "algorithms.warm_start",
     "load": "agents",
     "register": "envs.registry",
     "resolve": "envs.registry",

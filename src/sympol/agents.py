@@ -12,17 +12,17 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from .algos.bounds import kept_bounds, warn_of_bounds
-from .algos.config import Config
-from .algos.memory import require_memory
-from .algos.network import outputs
-from .algos.presets import DEFAULT, preset
-from .algos.report import metrics_of, require_finite
-from .algos.rules import whole
-from .algos.start import Start, start_of
-from .algos.state import TrainState
-from .algos.train import make_trainer, stops
-from .algos.trainer import Trainer
+from .algorithms.bounds_check import kept_bounds, warn_of_bounds
+from .algorithms.config import Config
+from .algorithms.inference import outputs
+from .algorithms.memory import require_memory
+from .algorithms.metrics import metrics_of, require_finite
+from .algorithms.presets import DEFAULT, preset
+from .algorithms.rules import whole
+from .algorithms.state import TrainState
+from .algorithms.train import make_trainer, stops
+from .algorithms.trainer import Trainer
+from .algorithms.warm_start import Start, start_of
 from .compilation import use_disk_cache
 from .envs.doubts import warn_of_cut
 from .envs.registry import resolve
@@ -31,10 +31,10 @@ from .play import draw, fitted_actions
 from .policies.actor import Actor
 from .policies.extract import extract_tree
 from .policies.tree import Tree
-from .refine.limit import has_limit, is_due, moment, shaped, within
-from .refine.shape import open_tree
 from .runs.folder import Run
 from .runs.progress import ProgressBar
+from .search.masking import open_tree
+from .search.size_limit import has_limit, is_due, moment, shaped, within
 from .trees import DecisionTree, Group
 from .trees.actions import ActionSpec, BoxActions
 

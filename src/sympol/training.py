@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .agents import Agent, Callback, Report, load_run
-from .algos.rules import LIMITS
+from .algorithms.rules import LIMITS
 from .play import FEW, Episodes
 from .runs.about import versions
 from .runs.folder import Run

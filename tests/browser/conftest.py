@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sympol.algos.config import Config
+from sympol.algorithms.config import Config
 from sympol.envs.registry import resolve
-from sympol.reports import report
+from sympol.report import page as report
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree
 

@@ -8,9 +8,9 @@ import json
 import numpy as np
 import pytest
 
-from sympol.algos.config import Config
+from sympol.algorithms.config import Config
 from sympol.envs.registry import resolve
-from sympol.reports import compare
+from sympol.report import compare
 from sympol.runs.folder import Run
 from sympol.trees import DecisionTree
 

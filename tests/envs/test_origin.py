@@ -14,7 +14,7 @@ import pytest
 from gymnasium import wrappers
 
 import sympol
-from sympol.algos.presets import preset
+from sympol.algorithms.presets import preset
 from sympol.envs import registry
 from sympol.envs.equality import are_equal, step_limit
 from sympol.envs.host import EnvironmentFailure

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.algos.rules import MAX_TIMESTEPS
+from sympol.algorithms.rules import MAX_TIMESTEPS
 from sympol.functional.schedules import NUM_STAGES, Shuffle, num_minibatches, stage
 
 traced_stage = jax.jit(stage, static_argnums=(1, 2))

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.algos.state import Normalizer
+from sympol.algorithms.state import Normalizer
 from sympol.envs.spaces import action_spec
 from sympol.policies.distributions import distribution_of
 from sympol.policies.extract import extract_tree

@@ -17,7 +17,7 @@ import pytest
 
 import sympol
 from sympol import files
-from sympol.experiments.bench import only_one
+from sympol.bench.bench import only_one
 from sympol.runs.about import RunError
 from sympol.runs.folder import Run
 from sympol.runs.lock import LOCK, FolderLock
@@ -203,7 +203,7 @@ def test_a_package_is_written_through_no_link(run, tmp_path):
 
 
 def test_a_device_is_written_to_and_not_replaced(run, tmp_path):
-    code = f"from sympol.cli import main; main(['export', {str(run)!r}, '--out', '/dev/stdout'])"
+    code = f"from sympol.cli.app import main; main(['export', {str(run)!r}, '--out', '/dev/stdout'])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "def act(" in done.stdout
     os.mkfifo(tmp_path / "pipe")

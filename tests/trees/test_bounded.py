@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sympol.commands.sources import tree_from
+from sympol.cli.tree_io import tree_from
 from sympol.runs.about import RunError
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
+from sympol.trees.coverage import nodes_met
 from sympol.trees.diff import diff
-from sympol.trees.force import force
-from sympol.trees.met import nodes_met
-from sympol.trees.reason import smallest_hitting_set
+from sympol.trees.override import force
+from sympol.trees.sufficient_reason import smallest_hitting_set
 from sympol.trees.text import leaf_conditions, rules
 from sympol.trees.verify import Property, equal, read_properties
 

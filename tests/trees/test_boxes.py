@@ -8,7 +8,7 @@ import pytest
 from sympol.trees import DecisionTree, DiscreteActions, Group
 from sympol.trees.boxes import Boxes, leaf_boxes, node_boxes, space, unreachable_leaves
 from sympol.trees.floats import SMALLEST_NORMAL, next_above, next_below
-from sympol.trees.readable import readable
+from sympol.trees.simplest_float import readable
 
 from .samples import ACTIONS, consistent, every_cell, random_grouped_tree, random_tree, telling_observations
 

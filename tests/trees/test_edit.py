@@ -5,7 +5,7 @@ import pytest
 
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
 from sympol.trees.edit import cut, graft, set_action, set_feature, set_threshold, split_tree, subtree
-from sympol.trees.named import SURE
+from sympol.trees.name_lookup import SURE
 
 from .samples import ACTIONS, HOSTILE_NAMES, plain_leaf, random_tree, telling_observations
 

@@ -10,8 +10,8 @@ import pytest
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group
 from sympol.trees.counterfactual import NORMS, Norm, nearest
 from sympol.trees.explain import Explanation, explain
-from sympol.trees.reason import smallest_hitting_set
-from sympol.trees.units import units_of
+from sympol.trees.explanation_features import units_of
+from sympol.trees.sufficient_reason import smallest_hitting_set
 
 from .samples import (
     ACTIONS,

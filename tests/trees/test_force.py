@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions
-from sympol.trees.force import force
+from sympol.trees.override import force
 
 from .samples import (
     ACTIONS,

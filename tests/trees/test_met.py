@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sympol.trees import DecisionTree
-from sympol.trees.met import nodes_met
+from sympol.trees.coverage import nodes_met
 
 from .samples import ACTIONS, consistent, random_grouped_tree, random_tree
 

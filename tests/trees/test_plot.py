@@ -9,8 +9,8 @@ from sympol.trees import DecisionTree, DiscreteActions, Group
 from sympol.trees.layout import levels, tidy
 from sympol.trees.plot import MOST_NODES, arrange
 from sympol.trees.plot_boxes import INK
-from sympol.trees.plot_view import ViewBox, glyph
-from sympol.trees.plot_ways import Ways
+from sympol.trees.plot_grid_view import ViewBox, glyph
+from sympol.trees.plot_paths import Ways
 from sympol.trees.text import question
 
 from .samples import ACTIONS, HOSTILE_NAMES, chain, random_tree

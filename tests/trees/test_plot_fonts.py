@@ -10,7 +10,7 @@ import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions, Group
 from sympol.trees.plot_fonts import style_for
-from sympol.trees.plot_ways import Ways
+from sympol.trees.plot_paths import Ways
 
 CHINESE, LETTER = "水位", "\N{MATHEMATICAL SANS-SERIF SMALL G}"
 

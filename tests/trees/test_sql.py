@@ -14,7 +14,7 @@ from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 from sympol.trees.export.sql import column_names, quoted, to_sql
 from sympol.trees.floats import double_threshold
 
-from ..experiments.postgres import Server, server
+from ..tune.postgres import Server, server
 from .programs.running import STRANGE, trees
 from .samples import HOSTILE_NAMES
 
@@ -56,7 +56,7 @@ def answered(database: Any, query: str, n: int) -> np.ndarray:
     ],
 )
 def test_postgresql_acts_as_the_tree_does(database, name, kind):
-    from sympol.trees.export.trial import trial_observations
+    from sympol.trees.export.check import trial_observations
 
     tree = trees()[name]
     x = trial_observations(tree, 12_000)

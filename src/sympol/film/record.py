@@ -13,8 +13,8 @@ from PIL import Image
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
 from .files import check, write
+from .frame_layout import Screen, Shot, env_picture
 from .rendering import frame_of, rendering
-from .screen import Screen, Shot, env_picture
 from .steps import steps
 
 MOST_FRAMES = 300

@@ -15,7 +15,7 @@ import gymnasium
 import tomli_w
 
 from .. import __version__, files
-from ..algos.config import Config, ConfigError
+from ..algorithms.config import Config, ConfigError
 from ..bounded import parse_toml
 from ..envs import native
 from ..envs.origin import Origin

@@ -27,9 +27,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from .. import __version__, files
-from ..algos.config import Config
-from ..algos.start import Start
-from ..algos.state import TrainState
+from ..algorithms.config import Config
+from ..algorithms.state import TrainState
+from ..algorithms.warm_start import Start
 from ..bounded import parse_json
 from ..envs import native
 from ..envs.origin import Origin

@@ -22,8 +22,8 @@ import numpy as np
 
 from .floats import flushed, next_above
 from .groups import Group
-from .readable import readable
-from .walk import depths
+from .simplest_float import readable
+from .traversal import depths
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float32, Int

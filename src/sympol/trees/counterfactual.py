@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 import numpy as np
 
 from .actions import DiscreteActions
+from .explanation_features import Around, around, positions
 from .tree import DecisionTree
-from .units import Around, around, positions
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Float32

@@ -15,7 +15,7 @@ import numpy as np
 
 from .boxes import leaf_boxes, node_boxes, space
 from .edit import require_same_space, subtree, subtree_end
-from .region_words import region_words
+from .format_region import region_words
 from .text import leaf_words, question
 from .tree import DecisionTree
 from .verify.arrivals import send

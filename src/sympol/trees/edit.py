@@ -17,7 +17,7 @@ import numpy as np
 
 from .actions import BoxActions
 from .floats import brief, flushed
-from .named import Action, feature_position, leaf_value
+from .name_lookup import Action, feature_position, leaf_value
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .text import leaf_words
 from .tree import DecisionTree
@@ -32,7 +32,7 @@ def set_action(tree: DecisionTree, leaf: int, action: Action) -> DecisionTree:
     """Return the tree in which a leaf takes another action.
 
     The action is a name or a number; options for each component; numbers where it is continuous. The leaf's
-    probabilities become `sympol.trees.named.SURE` for it.
+    probabilities become `sympol.trees.name_lookup.SURE` for it.
 
     Raises:
         ValueError, TypeError: no such leaf, or no such action.

@@ -1,7 +1,7 @@
 """Why a tree acts as it does in one observation, and what would have to be different for it to act otherwise.
 
 Three answers, each exact: the way through the tree, as one sentence; the smallest part of the observation that
-forces the action (`sympol.trees.reason`); and for every other action the nearest observation that gets it
+forces the action (`sympol.trees.sufficient_reason`); and for every other action the nearest observation that gets it
 (`sympol.trees.counterfactual`).
 """
 
@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from .counterfactual import Counterfactual, Norm, counterfactuals
-from .reason import Reason, smallest_reason
+from .explanation_features import around
+from .sufficient_reason import Reason, smallest_reason
 from .text import leaf_conditions, leaf_words
 from .tree import DecisionTree
-from .units import around
 
 if TYPE_CHECKING:
     from jaxtyping import Float32

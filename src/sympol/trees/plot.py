@@ -19,8 +19,8 @@ from .actions import BoxActions, DiscreteActions
 from .floats import number, printable
 from .plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen, TextBox, shortened
 from .plot_fonts import drawn_in, style_for
+from .plot_grid_view import ViewBox, view_side
 from .plot_page import Drawable, Layout, check_file, lay_out, save
-from .plot_view import ViewBox, view_side
 from .text import asked_group, leaf_words, question, visit_share
 from .tree import DecisionTree
 

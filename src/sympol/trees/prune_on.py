@@ -16,8 +16,8 @@ import numpy as np
 
 from .floats import observation_batch
 from .preorder import NO_CHILD
+from .traversal import descend, paths
 from .tree import DecisionTree
-from .walk import descend, paths
 
 if TYPE_CHECKING:
     from jaxtyping import Int

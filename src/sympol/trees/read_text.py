@@ -77,7 +77,7 @@ def from_text(
     """Read a tree; it acts on every observation as the tree did that `to_text` wrote, and has the same thresholds.
 
     What a text does not hold is lost: visits, the leaves' values beyond the actions (see
-    `sympol.trees.named.leaf_value`), and digits where it was written with fewer.
+    `sympol.trees.name_lookup.leaf_value`), and digits where it was written with fewer.
 
     Args:
         text: The listing, perhaps with a header.

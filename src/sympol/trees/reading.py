@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from .actions import BoxActions, DiscreteActions, MultiDiscreteActions
 from .edit import checked_threshold
 from .floats import brief, next_below, printable
-from .named import did_you_mean, leaf_value, position
+from .name_lookup import did_you_mean, leaf_value, position
 from .regions import Way
 from .tree import DecisionTree
 

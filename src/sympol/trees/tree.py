@@ -18,7 +18,7 @@ from .actions import ActionSpec
 from .floats import flushed, observation_batch
 from .groups import Group, check_groups, check_integers, require_one_hot
 from .preorder import NO_CHILD, check, complete_to_preorder
-from .walk import depths, descend, descend_one, paths, visits
+from .traversal import depths, descend, descend_one, paths, visits
 
 if TYPE_CHECKING:
     from os import PathLike

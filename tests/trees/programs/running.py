@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group, MultiDiscreteActions
-from sympol.trees.export import trial
+from sympol.trees.export import check as trial
 
 from ..samples import ACTIONS, HOSTILE_NAMES, chain, random_grouped_tree, random_tree, telling_observations
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sympol import DecisionTree
-from sympol.trees.export import trial
+from sympol.trees.export import check as trial
 from sympol.trees.floats import double_threshold
 
 from ..samples import consistent

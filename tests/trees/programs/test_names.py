@@ -13,7 +13,8 @@ import pytest
 
 from sympol import DecisionTree
 from sympol.trees import MultiDiscreteActions
-from sympol.trees.export import common, trial
+from sympol.trees.export import check as trial
+from sympol.trees.export import common
 
 from .running import IDS, PROGRAMS, STRANGE, ran, same
 

@@ -9,7 +9,8 @@ import pytest
 
 from sympol import DecisionTree
 from sympol.trees import BoxActions, DiscreteActions
-from sympol.trees.export import FORMATS, trial
+from sympol.trees.export import FORMATS
+from sympol.trees.export import check as trial
 
 from .running import ran, trees, with_start
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sympol import DecisionTree
-from sympol.trees.export import common, trial
+from sympol.trees.export import check as trial
+from sympol.trees.export import common
 from sympol.trees.floats import double_threshold, flushed
 
 from ..samples import plain_leaf

@@ -13,8 +13,8 @@ import numpy as np
 from ..actions import BoxActions, DiscreteActions
 from ..floats import printable, unflushed_threshold
 from ..text import asked_group, node_words, question
+from ..traversal import visits
 from ..tree import DecisionTree
-from ..walk import visits
 
 if TYPE_CHECKING:
     from jaxtyping import Float32, Int, Int64

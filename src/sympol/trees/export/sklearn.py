@@ -8,8 +8,8 @@ import numpy as np
 
 from ..actions import ActionSpec, BoxActions, DiscreteActions
 from ..floats import unflushed_threshold
+from ..traversal import visits
 from ..tree import DecisionTree
-from ..walk import visits
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -12,7 +12,7 @@ from ..actions import BoxActions, MultiDiscreteActions
 from ..floats import number, printable, shortest
 from ..plot import COLOURS, leaf_colours
 from ..plot_boxes import readable_on
-from ..plot_view import glyph, view_side
+from ..plot_grid_view import glyph, view_side
 from ..text import Choice, asked_group, leaf_conditions, leaf_words, question, rule_words
 from ..tree import DecisionTree
 from .features import features_data, importance

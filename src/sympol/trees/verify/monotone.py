@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..boxes import Boxes
-from ..readable import readable
+from ..simplest_float import readable
 from ..tree import DecisionTree
 from .arrivals import Arrivals, acted, numbers
 from .terms import Monotone

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..boxes import Boxes, leaf_boxes
 from ..floats import observation_batch
-from ..named import feature_position
+from ..name_lookup import feature_position
 from ..tree import DecisionTree
 from .arrivals import numbers
 from .names import without_units

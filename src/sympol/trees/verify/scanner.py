@@ -9,7 +9,7 @@ from decimal import Decimal, InvalidOperation
 from typing import Never
 
 from ..floats import printable
-from ..named import did_you_mean
+from ..name_lookup import did_you_mean
 
 WORDS = frozenset(
     (

@@ -1,0 +1,224 @@
+"""Where training begins if not with random networks: at a tree, be it trained, distilled, edited or written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool
+
+from ..envs.spec import EnvSpec
+from ..policies.embed import embed, leaf_logits, places
+from ..policies.tree import Tree
+from ..trees import DecisionTree
+from ..trees.actions import ActionSpec, BoxActions
+from ..trees.coverage import nodes_met
+from .config import Config
+from .rules import ConfigError
+from .state import Normalizer, TrainState, Warm
+
+
+@dataclass(frozen=True)
+class Start:
+    """A tree to train on from, and how. Before the first update the policy is that tree, action for action.
+
+    Args:
+        tree: of any shape, not deeper than the config's depth.
+        freeze: nodes of the tree that stay as they are: splits keep feature and threshold, leaves their values.
+        confidence: how probable the action of a leaf becomes that is all but sure of it (`leaf_logits`). Frozen leaves
+            keep what they have.
+        critic_warmup: the part of the training in which only the critic learns. A critic that knows nothing yet would
+            teach the tree nonsense.
+        origin: where the tree is from, in words.
+        origin_return: what it earned there, if that is known.
+
+    Raises:
+        ValueError: nodes that the tree does not have, or numbers out of their range.
+    """
+
+    tree: DecisionTree
+    freeze: tuple[int, ...] = ()
+    confidence: float = 0.7
+    critic_warmup: float = 0.05
+    origin: str = ""
+    origin_return: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check."""
+        object.__setattr__(self, "freeze", _checked_nodes(self.freeze, self.tree))
+        if not 0 <= self.critic_warmup < 1:
+            raise ValueError(
+                "critic_warmup must be from 0 to less than 1, a part of the training, got "
+                f"{self.critic_warmup}"
+            )
+        leaf_logits(self.tree, self.confidence)  # raises
+
+    def fitted(self, spec: EnvSpec) -> Start:
+        """The same start under the names and bounds of an environment.
+
+        Raises:
+            ValueError: the tree is for other features or actions.
+        """
+        tree, features = self.tree, spec.features
+        _check_features(tree, spec)
+        _check_actions(tree.actions, spec.actions, spec.name)
+        actions = spec.actions
+        if isinstance(actions, BoxActions) and isinstance(tree.actions, BoxActions):
+            actions = replace(actions, std=tree.actions.std)
+        return replace(self, tree=replace(tree, actions=actions, **features.reading()))
+
+    def check(self, config: Config) -> None:
+        """Raise ConfigError unless a policy of this config can start from the tree."""
+        if config.policy != "tree":
+            raise ConfigError(
+                f"only a tree can start from a tree; policy is {config.policy!r}, leave start out"
+            )
+        if self.freeze and (config.max_nodes or config.node_price):
+            raise ConfigError(
+                f"nodes {', '.join(map(str, self.freeze))} are frozen, and max_nodes or node_price would prune "
+                "some: leave one of the two out"
+            )
+        if self.tree.depth > config.depth:
+            raise ConfigError(
+                f"the tree to start from has depth {self.tree.depth}, which does not fit into depth {config.depth}: "
+                f"choose --depth {self.tree.depth} (in Python depth={self.tree.depth}), or prune it"
+            )
+
+    def deepened(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """A preset's values, with a depth into which the tree fits."""
+        return {**values, "depth": max(values.get("depth", Config.depth), self.tree.depth)}
+
+    def about(self) -> dict[str, Any]:
+        """What a run's config says of it; the tree itself is in a file beside it."""
+        known = {} if self.origin_return is None else {"return_mean": self.origin_return}
+        return {
+            "origin": self.origin,
+            **known,
+            "freeze": list(self.freeze),
+            "confidence": float(self.confidence),
+            "critic_warmup": float(self.critic_warmup),
+        }
+
+    @classmethod
+    def from_about(cls, tree: DecisionTree, about: dict[str, Any]) -> Start:
+        """What `about` said, with its tree.
+
+        Raises:
+            TypeError, ValueError: it did not say that.
+        """
+        known = dict(about)
+        origin_return, freeze = known.pop("return_mean", None), known.pop("freeze")
+        return cls(tree, freeze=tuple(freeze), origin_return=origin_return, **known)
+
+    def parameters(self, config: Config, seed: int) -> tuple[Tree, Warm]:
+        """The actor to begin with, over raw observations, and what is to be remembered of it; all on the host."""
+        where = places(self.tree, config.depth)
+        frozen = np.isin(np.arange(self.tree.n_nodes), self.freeze)
+        actor: Tree = embed(
+            self.tree,
+            depth=config.depth,
+            rng=np.random.default_rng(seed),
+            confidence=self.confidence,
+            kept_leaves=frozen,
+            log_std=config.log_std_init,
+            surrogate=config.surrogate,
+            temperature=config.temperature,
+        )
+        kept = where.split >= 0
+        leaves = (self.tree.is_leaf & frozen)[where.leaf]
+        splits = np.where(kept, frozen[where.split], _all_below(leaves))
+        warm: Any = (kept, splits, leaves, np.float32(self.critic_warmup))
+        return jax.tree.map(np.asarray, actor), Warm(*warm)
+
+
+def start_of(start: DecisionTree | Start | None, freeze: Iterable[int] | str, spec: EnvSpec) -> Start | None:
+    """What a user gave to start from and to freeze, under the names of an environment.
+
+    Raises:
+        ValueError: something to freeze of no tree, or that the tree does not have, or a tree for something else.
+    """
+    if start is None:
+        if freeze:
+            raise ValueError(f"freeze is about the tree to start from: give start, too; got {freeze!r}")
+        return None
+    fitted = (Start(start) if isinstance(start, DecisionTree) else start).fitted(spec)
+    nodes = nodes_met(fitted.tree, freeze) if isinstance(freeze, str) else freeze
+    return replace(fitted, freeze=(*fitted.freeze, *nodes))
+
+
+def plant(state: TrainState, actor: Tree, warm: Warm | None) -> TrainState:
+    """A new state that begins with this actor, over raw observations until the first chunk is there (`settle`)."""
+    shift, scale = state.normalizer
+    return state._replace(
+        networks=state.networks._replace(actor=actor),
+        normalizer=Normalizer(jnp.zeros_like(shift), jnp.ones_like(scale)),
+        validation=state.validation._replace(best_actor=actor),
+        warm=warm,
+    )
+
+
+def _all_below(leaves: Bool[np.ndarray, " leaves"]) -> Bool[np.ndarray, " inner"]:
+    """For each split of a complete tree whether all leaves below it are marked."""
+    levels = [leaves]
+    while levels[-1].size > 1:
+        left, right = levels[-1].reshape(-1, 2).T
+        levels.append(left & right)
+    return np.concatenate(levels[:0:-1])
+
+
+def _checked_nodes(nodes: Sequence[int], tree: DecisionTree) -> tuple[int, ...]:
+    for node in nodes:
+        if isinstance(node, bool) or not isinstance(node, int | np.integer) or not 0 <= node < tree.n_nodes:
+            raise ValueError(
+                f"freeze must hold numbers of nodes of the tree to start from, 0 to {tree.n_nodes - 1}, got {node!r}"
+            )
+    return tuple(sorted({int(node) for node in nodes}))
+
+
+def _check_features(tree: DecisionTree, spec: EnvSpec) -> None:
+    features = spec.features
+    if tree.n_features != len(features.names):
+        raise ValueError(
+            f"the tree to start from looks at {tree.n_features} features, but {spec.name} has {len(features.names)}"
+        )
+    numbered = tuple(f"x[{i}]" for i in range(tree.n_features))
+    if tree.feature_names not in (features.names, numbered):
+        i = next(
+            i
+            for i, names in enumerate(zip(tree.feature_names, features.names, strict=True))
+            if len(set(names)) > 1
+        )
+        raise ValueError(
+            f"the tree to start from calls feature {i} {tree.feature_names[i]!r}, but in {spec.name} it is "
+            f"{features.names[i]!r}; is it a tree for another environment? If not, give the environment the tree's "
+            "names: feature_names=tree.feature_names"
+        )
+    ours, theirs = ({group.features for group in groups} for groups in (features.groups, tree.groups))
+    if not theirs <= ours:
+        raise ValueError(
+            f"in the tree to start from features {sorted(theirs - ours)[0]} are one-hot, but not in {spec.name}; "
+            "give the environment the tree's groups: groups=tree.groups"
+        )
+
+
+def _check_actions(ours: ActionSpec, theirs: ActionSpec, name: str) -> None:
+    """Raise unless a tree's actions are the environment's, whatever they are called where they have no names."""
+    plain = [replace(actions, **_nameless(actions)) for actions in (ours, theirs)]
+    if plain[0] != plain[1]:
+        raise ValueError(f"the tree to start from acts by {ours}, but {name} takes {theirs}")
+    if ours.names not in (theirs.names, plain[0].names):
+        raise ValueError(
+            f"the tree to start from calls its actions {', '.join(map(repr, ours.names))}, but in {name} they are "
+            f"{', '.join(map(repr, theirs.names))}; if they are the same, give the environment the tree's names: "
+            "action_names=tree.actions.names"
+        )
+
+
+def _nameless(actions: ActionSpec) -> dict[str, Any]:
+    if isinstance(actions, BoxActions):
+        return {"names": (), "std": None}
+    return {"names": ()} | ({"options": ()} if hasattr(actions, "options") else {})

@@ -1,0 +1,142 @@
+"""What a task is, and how it is done: the same few lines in this process, in another and on another machine."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import json
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from ..threads import threads
+
+Result = Any
+"""What a task returns: anything JSON can hold."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One piece of work, written so that any process on any machine can do it.
+
+    Args:
+        name: What it is called in progress and errors; no two tasks of a call share one.
+        function: ``"module:qualname"``, importable wherever tasks are done.
+        arguments: Its keyword arguments, as JSON can hold them. A task that was interrupted is started again with
+            the same ones, so it is the function's duty to find what it has already done.
+    """
+
+    name: str
+    function: str
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A task that was given up."""
+
+    task: Task
+    reason: str
+    """In one line."""
+    details: str
+    """The traceback, or the end of what the worker wrote before it died."""
+
+
+class TasksFailed(RuntimeError):
+    """Raised when everything else is done: some tasks failed, and ``failures`` says which and why."""
+
+    def __init__(self, failures: list[Failure], total: int) -> None:
+        self.failures = failures
+        words = "; ".join(f"{failure.task.name}: {failure.reason}" for failure in failures)
+        super().__init__(
+            f"{len(failures)} of {total} tasks failed, the others are done and kept; "
+            f"the same command again does only the failed ones: {words}"
+        )
+
+
+def encode(task: Task) -> str:
+    """Its arguments as JSON: what crosses to a worker, and what a task in this process gets as well.
+
+    Raises:
+        TypeError: an argument that JSON cannot hold.
+    """
+    try:
+        return json.dumps(task.arguments)
+    except (TypeError, ValueError) as error:
+        raise TypeError(
+            f"the arguments of task {task.name!r} must be what JSON can hold ({error}); pass numbers, text, lists "
+            f"and dictionaries, and build the rest in {task.function}"
+        ) from None
+
+
+def resolve(function: str) -> Callable[..., Result]:
+    """Import ``"module:qualname"``.
+
+    Raises:
+        ValueError: there is no such function, or only this process could import it.
+    """
+    module, _, qualname = function.partition(":")
+    if not qualname or module == "__main__" or "<" in qualname:
+        raise ValueError(
+            f"a task's function must be 'module:qualname' that another process can import, got {function!r}; "
+            "move it to the top of a module"
+        )
+    try:
+        found = functools.reduce(getattr, qualname.split("."), importlib.import_module(module))
+    except (ImportError, AttributeError) as error:
+        raise ValueError(
+            f"a task's function must be importable, got {function!r}: {error}; is it spelled so, and is its "
+            "package installed (or on PYTHONPATH)?"
+        ) from error
+    if not callable(found):
+        raise ValueError(f"a task's function must be callable, {function!r} is {type(found).__name__}")
+    return found
+
+
+def perform(function: str, arguments: str) -> str:
+    """Do a task; the answer is ``{"result": …}``, or ``{"error": one line, "details": traceback}``, as JSON.
+
+    JSON in and out also where nothing crosses a border: a tuple that becomes a list does so everywhere.
+    """
+    try:
+        return json.dumps({"result": resolve(function)(**json.loads(arguments))})
+    except (
+        Exception,
+        SystemExit,
+    ) as error:  # SystemExit: a task that calls a command must not end its worker
+        reason = " ".join(traceback.format_exception_only(error)[-1].split())
+        return json.dumps({"error": reason, "details": traceback.format_exc()})
+
+
+def versions() -> dict[str, str]:
+    """The programs that must be the same on every machine for results to be.
+
+    From the installed packages' metadata, as Dask reports it of its workers.
+    """
+    found = {"python": f"{sys.version_info.major}.{sys.version_info.minor}"}
+    for package in ("sympol", "jax", "jaxlib"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "none"
+    return found
+
+
+def circumstances() -> dict[str, str]:
+    """All that must be the same, with what only the process itself can tell."""
+    return {**versions(), "code": fingerprint(), "threads": str(threads())}
+
+
+@functools.cache
+def fingerprint() -> str:
+    """Of sympol's own files: two checkouts can have one version and differ."""
+    root = Path(__file__).parents[2]
+    digest = hashlib.sha256()
+    for file in sorted(file for ending in ("py", "toml") for file in root.rglob(f"*.{ending}")):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:12]

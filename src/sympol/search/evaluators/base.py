@@ -1,0 +1,153 @@
+"""Where trees are compared: many of them on the same episodes.
+
+An episode has a number. Whatever is random in it, its start and its noise, depends on that number, the arena's seed
+and its purpose alone, so that two trees in the same episode differ by what they do (common random numbers).
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from ...envs.host import EnvironmentFailure
+from ...envs.spec import EnvSpec
+from ...trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions
+
+Purpose: TypeAlias = Literal["refine", "validation"]
+"""Episodes to search with, and others to choose with; neither are ever test episodes."""
+_MAX_EPISODES = 1 << 31
+
+
+class Played(NamedTuple):
+    """What each tree brought home from each episode."""
+
+    returns: Float32[np.ndarray, "trees episodes"]
+    """Undiscounted."""
+    lengths: Int32[np.ndarray, "trees episodes"]
+    """Steps."""
+
+
+class Arena(abc.ABC):
+    """Plays trees on numbered episodes of one environment, deterministically, and counts what that costs.
+
+    Raises:
+        ValueError: a seed or a purpose that there is not.
+    """
+
+    def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
+        if not 0 <= seed < 1 << 32:
+            raise ValueError(f"an arena's seed must be between 0 and 2^32 - 1, got {seed}")
+        if purpose not in get_args(Purpose):
+            raise ValueError(
+                f"an arena's purpose must be one of {', '.join(get_args(Purpose))}, got {purpose!r}"
+            )
+        self.spec, self.seed = spec, seed
+        self.purpose: Purpose = purpose
+        self.steps = 0
+        """Environment steps so far, those of `observe` among them."""
+
+    def play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+        """Each tree on each of the episodes.
+
+        Raises:
+            ValueError: no trees, no episodes, or a tree for other features or actions.
+            EnvironmentFailure: a return that is not finite.
+        """
+        self._check(trees, episodes)
+        played = self._play(trees, episodes)
+        return self._checked(played, episodes, int(played.lengths.sum(dtype=np.int64)))
+
+    def play_changed(self, tree: DecisionTree, others: Sequence[DecisionTree], episodes: range) -> Played:
+        """As `play` of the tree and the others, in this order, for others that mostly do what it does.
+
+        Where an arena can, what they do alike is played once, and counts once.
+
+        Raises:
+            ValueError, EnvironmentFailure: as `play` does.
+        """
+        self._check([tree, *others], episodes)
+        played, steps = self._play_changed([tree, *others], episodes)
+        return self._checked(played, episodes, steps)
+
+    def observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
+        """The observations that a tree acts on in these episodes, one row a step, one episode after the other.
+
+        Raises:
+            ValueError: as `play` does.
+        """
+        self._check([tree], episodes)
+        seen = self._observe(tree, episodes)
+        self.steps += len(seen)
+        return seen
+
+    def _checked(self, played: Played, episodes: range, steps: int) -> Played:
+        self.steps += steps
+        if not np.isfinite(played.returns).all():
+            tree, episode = np.argwhere(~np.isfinite(played.returns))[0]
+            raise EnvironmentFailure(
+                f"{self.spec.name} returned rewards whose sum is not finite in float32: tree {tree} in episode "
+                f"{episodes[episode]} got {played.returns[tree, episode]}"
+            )
+        return played
+
+    def _check(self, trees: Sequence[DecisionTree], episodes: range) -> None:
+        if not trees or not episodes:
+            raise ValueError(
+                f"an arena needs trees and episodes, got {len(trees)} trees and {len(episodes)} episodes"
+            )
+        if episodes.step != 1 or not 0 <= episodes.start < episodes.stop <= _MAX_EPISODES:
+            raise ValueError(
+                f"episodes must be consecutive numbers between 0 and {_MAX_EPISODES - 1}, got {episodes}"
+            )
+        for tree in trees:
+            if tree.n_features != len(self.spec.features.names):
+                raise ValueError(
+                    f"a tree of {tree.n_features} features cannot play {self.spec.name}, which has "
+                    f"{len(self.spec.features.names)}"
+                )
+            if tree.actions is not self.spec.actions and _plain(tree.actions) != _plain(self.spec.actions):
+                raise ValueError(
+                    f"a tree that acts by {tree.actions} cannot play {self.spec.name}: {self.spec.actions}"
+                )
+
+    @abc.abstractmethod
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played: ...
+
+    def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
+        """And how many steps that took; most do what the first does."""
+        played = self._play(trees, episodes)
+        return played, int(played.lengths.sum(dtype=np.int64))
+
+    @abc.abstractmethod
+    def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]: ...
+
+
+def make_arena(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Arena:
+    """An arena of tables where all of the environment is known, else inside a compiled program where it is written in
+    JAX, else in machine code where we have it, else on the host."""
+    if spec.env is not None:
+        from .tabular import TableArena, world_of
+
+        if world_of(spec.env) is not None:
+            return TableArena(spec, seed, purpose)
+        from .jax import CompiledArena
+
+        return CompiledArena(spec, seed, purpose)
+    if spec.is_native:
+        from .native import FlownArena
+
+        return FlownArena(spec, seed, purpose)
+    from .gymnasium import HostArena
+
+    return HostArena(spec, seed, purpose)
+
+
+def _plain(actions: ActionSpec) -> tuple[object, ...]:
+    """What actions are, whatever they are called and whatever their noise."""
+    if isinstance(actions, BoxActions):
+        return actions.low, actions.high, actions.shape
+    return actions.n if isinstance(actions, DiscreteActions) else actions.nvec, actions.start

@@ -1,0 +1,61 @@
+"""The arena of the lunar landers: whole episodes in machine code, a thread for each processor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from ...envs.lunar_lander.flights import engines, fly, fly_changed, watch
+from ...play import episode_seed
+from ...threads import threads
+from ...trees import DecisionTree
+from .base import Arena, Played
+from .stacked_trees import Packed, answers
+
+T = TypeVar("T")
+
+
+class FlownArena(Arena):
+    """See the module."""
+
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        push = engines(answers(packed, self.spec))
+        seeds = np.tile(self._seeds(episodes), len(trees))
+        tree = np.repeat(np.arange(len(trees), dtype=np.int32), len(episodes))
+        flown = _shared(lambda part: fly(packed, push, tree[part], seeds[part]))
+        returns, lengths = np.zeros(len(seeds), np.float32), np.zeros(len(seeds), np.int32)
+        for part, (earned, took) in flown:
+            returns[part], lengths[part] = earned, took
+        shape = len(trees), len(episodes)
+        return Played(returns.reshape(shape), lengths.reshape(shape))
+
+    def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
+        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        push, seeds = engines(answers(packed, self.spec)), self._seeds(episodes)
+        flown = _shared(lambda part: fly_changed(packed, push, seeds[part]))
+        shape = len(trees), len(seeds)
+        played = Played(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
+        for part, (earned, took, _) in flown:
+            played.returns[:, part], played.lengths[:, part] = earned, took
+        return played, sum(steps for _, (*_, steps) in flown)
+
+    def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
+        packed = Packed.of([tree], 1, tree.n_nodes)
+        return watch(packed, engines(answers(packed, self.spec)), self._seeds(episodes))
+
+    def _seeds(self, episodes: range) -> ndarray:
+        return np.array([episode_seed(self.seed, episode, self.purpose) for episode in episodes], np.uint64)
+
+
+def _shared(fly_part: Callable[[slice], T]) -> list[tuple[slice, T]]:
+    """What each thread's part of the episodes brings; each has some of every tree's."""
+    number = threads()
+    parts = [slice(i, None, number) for i in range(number)]
+    with ThreadPoolExecutor(number) as pool:
+        return list(zip(parts, pool.map(fly_part, parts), strict=True))

@@ -1,0 +1,278 @@
+"""Better numbers for a tree that asks the right questions: its thresholds, all at once, by an evolution strategy.
+
+CMA-ES (Hansen and Ostermeier 2001; the implementation is pycma's) draws trees around the present one, lets them play,
+and moves towards those that earned more, along directions that it learns. In a generation all play the same episodes,
+in the next one others, so that what is climbed is the mean return and not the luck of some episodes. Which features are
+asked about, and what discrete leaves answer, stays as it is. The answers of continuous actions are numbers, too.
+
+The higher it has climbed, the less its trees differ in what they earn, and the more episodes it takes to see which are
+better. So one half of the episodes is asked whether it ranks the trees as the other does. Where the halves hardly
+agree, later generations play twice as many; where they agree well, half as many.
+
+Distances are counted in the spread of what the tree sees: a step of 1 is one standard deviation of the feature, or half
+the range of an action.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from ..trees import DecisionTree
+from ..trees.actions import BoxActions
+from ..trees.floats import flushed
+from .evaluators.base import Arena
+from .evolve import Budget
+
+WIDER = 2
+"""How many trees are drawn, in times of what CMA-ES draws by default: of many that are judged by chance, too, the mean
+errs less. On LunarLander better than twice the episodes, or than four times the trees."""
+STEP = 0.1
+"""How far the first trees lie from the one that is given."""
+WATCHED = 16
+"""Episodes that are observed, to know how widely features spread."""
+TOLD = 4
+"""Generations between two reports."""
+LISTENED = 8
+"""Generations by which the number of episodes is decided."""
+AGREED = (0.25, 0.6)
+"""Correlation of what trees earn in the two halves of the episodes: below the first there are more, above the second
+fewer."""
+MOST = 4
+"""Times as many episodes as at first, and no more."""
+QUARTERS = 4
+"""Parts of a budget, after each of which half of what is polished goes on."""
+RECENT = 5
+"""Generations by which that is decided."""
+FLAT = 10
+"""Generations in which all trees earn the same, after which nothing is left to gain."""
+JUDGED = 4
+"""Times the episodes of a generation, to say at the end whether anything was gained."""
+
+
+class Polished(NamedTuple):
+    """What ``progress`` is told now and then."""
+
+    tree: DecisionTree
+    """The best so far: the middle of what is drawn."""
+    steps: int
+    """Environment steps so far."""
+    seconds: float
+    mean: float
+    """Return of the last few generations."""
+
+
+Progress: TypeAlias = Callable[[Polished], object]
+Returns: TypeAlias = Float[np.ndarray, "trees episodes"]
+
+
+def polish(
+    trees: Sequence[DecisionTree],
+    arena: Arena,
+    *,
+    budget: Budget,
+    episodes: int = 32,
+    first_episode: int = 0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> DecisionTree:
+    """The best of some trees with better numbers; as it was given if that earns more in episodes of their own.
+
+    Where a tree can be polished to depends on what it asks. So several start side by side; after a quarter of the
+    budget the better half of them goes on, after the next quarter half of these, and so on.
+
+    Args:
+        trees: of any sizes. The best keeps its size, but prune it afterwards: some of its splits may be idle then.
+        arena: where they play.
+        budget: how long to search: it ends with the generation that spends it, or where nothing is left to gain.
+        episodes: of the first generations, the same ones for all trees of a generation.
+        first_episode: episodes from this number on are played.
+        seed: With a budget in steps the same seed gives the same tree, bit for bit.
+        progress: called every few generations.
+
+    Raises:
+        ImportError: pycma is not installed.
+        ValueError: no trees, trees for other features or actions, or fewer than two episodes.
+    """
+    if episodes < 2:
+        raise ValueError(f"polishing needs at least 2 episodes, got {episodes}")
+    began, before, start = time.perf_counter(), arena.steps, first_episode + WATCHED
+    watched = range(first_episode, start)
+    found = [Numbers.of(tree, arena.observe(tree, watched)) for tree in trees]
+    climbs = [Climb(numbers, seed) for numbers in found if numbers.size]
+    generation, enough = 0, Enough(episodes)
+
+    def spent() -> float:
+        """The part of the budget."""
+        return max((arena.steps - before) / budget.steps, (time.perf_counter() - began) / budget.seconds)
+
+    while climbs and min(budget.steps, budget.seconds) > 0 and (so_far := spent()) < 1:
+        climbs = _better(climbs, max(1, len(trees) >> int(so_far * QUARTERS)))
+        going_on = [climb for climb in climbs if not climb.is_over]
+        if not going_on:
+            break
+        returns = _next_generation(going_on, arena, range(start, start := start + enough.episodes))
+        enough.hear(returns)
+        generation += 1
+        if progress is not None and generation % TOLD == 0:
+            best = max(climbs, key=lambda climb: climb.mean)
+            seconds = time.perf_counter() - began
+            progress(Polished(best.middle, arena.steps - before, seconds, best.mean))
+    if not generation:
+        return trees[0]
+    known = [*trees, *(climb.middle for climb in _better(climbs, 1))]
+    judged = arena.play(known, range(start, start + JUDGED * enough.episodes)).returns
+    return known[int(judged.mean(axis=1, dtype=np.float64).argmax())]
+
+
+class Climb:
+    """One tree on its way up."""
+
+    def __init__(self, numbers: Numbers, seed: int) -> None:
+        self.numbers, self._search = numbers, _strategy(numbers.size, seed)
+        self._means: list[float] = []
+
+    def drawn(self) -> list[DecisionTree]:
+        """The next generation."""
+        self._steps = self._search.ask()
+        return [self.numbers.moved(step) for step in self._steps]
+
+    def tell(self, means: Float[np.ndarray, " trees"]) -> None:
+        """What the trees of the generation earned."""
+        self._search.tell(self._steps, (-means).tolist())
+        self._means.append(float(means.mean()))
+
+    @property
+    def middle(self) -> DecisionTree:
+        """The tree around which others are drawn."""
+        return self.numbers.moved(self._search.result.xfavorite) if self._means else self.numbers.tree
+
+    @property
+    def mean(self) -> float:
+        """Of the last few generations: a few thousand episodes."""
+        return float(np.mean(self._means[-RECENT:])) if self._means else -math.inf
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is left to gain."""
+        return bool(self._search.stop())
+
+
+def _better(climbs: Sequence[Climb], number: int) -> list[Climb]:
+    """The best of them, in their order."""
+    best = sorted(climbs, key=lambda climb: -climb.mean)[:number]
+    return [climb for climb in climbs if climb in best]
+
+
+def _next_generation(climbs: Sequence[Climb], arena: Arena, episodes: range) -> list[Returns]:
+    """All play the same episodes; the returns of each climb's trees."""
+    drawn = [climb.drawn() for climb in climbs]
+    played = arena.play([tree for trees in drawn for tree in trees], episodes).returns.astype(np.float64)
+    returns = np.split(played, np.cumsum([len(trees) for trees in drawn])[:-1])
+    for climb, rows in zip(climbs, returns, strict=True):
+        climb.tell(rows.mean(axis=1))
+    return returns
+
+
+class Enough:
+    """How many episodes a generation needs."""
+
+    def __init__(self, episodes: int) -> None:
+        self.episodes, self._least = episodes, episodes
+        self._heard: list[float] = []
+
+    def hear(self, returns: Sequence[Returns]) -> None:
+        """What the trees of each climb earned in the generation."""
+        self._heard += [agreement(rows) for rows in returns]
+        if len(self._heard) < LISTENED * len(returns):
+            return
+        agreed, (low, high) = float(np.mean(self._heard)), AGREED
+        self._heard.clear()
+        if agreed < low:
+            self.episodes = min(2 * self.episodes, MOST * self._least)
+        elif agreed > high:
+            self.episodes = max(self.episodes // 2, self._least)
+
+
+def agreement(returns: Returns) -> float:
+    """Correlation of what trees earn in one half of the episodes with the other; 1 where there is none to differ in."""
+    halves = np.stack([returns[:, ::2].mean(axis=1), returns[:, 1::2].mean(axis=1)])
+    if (halves.std(axis=1) == 0).any():
+        return 1.0
+    return float(np.corrcoef(halves)[0, 1])
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers of a tree that may move, and how far a step of 1 moves each of them."""
+
+    tree: DecisionTree
+    splits: Int[np.ndarray, " thresholds"]
+    """Nodes that ask about a number; categories have no threshold worth moving."""
+    leaves: Int[np.ndarray, " leaves"]
+    """Nodes whose answers are numbers."""
+    scale: Float[np.ndarray, " size"]
+
+    @staticmethod
+    def of(tree: DecisionTree, seen: Float32[np.ndarray, "steps features"]) -> Numbers:
+        """Those of a tree that sees these observations; a feature that never differs there does not move."""
+        splits = np.array(
+            [n for n in np.flatnonzero(~tree.is_leaf) if tree.feature[n] not in tree.group_of], int
+        )
+        spread = seen.std(axis=0, dtype=np.float64)
+        splits = splits[spread[tree.feature[splits]] > 0]
+        leaves, reach = np.zeros(0, int), np.zeros(0)
+        if isinstance(tree.actions, BoxActions):
+            leaves = np.flatnonzero(tree.is_leaf)
+            low, high = (
+                np.asarray(tree.actions.low, float).ravel(),
+                np.asarray(tree.actions.high, float).ravel(),
+            )
+            bounded = np.isfinite(low) & np.isfinite(high)
+            reach = np.where(bounded, (high - low) / 2, 1.0)
+        scale = np.concatenate([spread[tree.feature[splits]], np.tile(reach, len(leaves))])
+        return Numbers(tree, splits, leaves, scale)
+
+    @property
+    def size(self) -> int:
+        """How many there are."""
+        return len(self.scale)
+
+    def moved(self, steps: Float[np.ndarray, " size"]) -> DecisionTree:
+        """The tree with each number moved so many steps."""
+        way = np.asarray(steps) * self.scale
+        threshold, value = self.tree.threshold.copy(), self.tree.value.copy()
+        n = len(self.splits)
+        threshold[self.splits] = flushed(np.float32(threshold[self.splits] + way[:n]))
+        if len(self.leaves):
+            value[self.leaves] = np.float32(value[self.leaves] + way[n:].reshape(len(self.leaves), -1))
+        return replace(self.tree, threshold=threshold, value=value, n_node_samples=None)
+
+
+def _strategy(size: int, seed: int) -> Any:
+    """CMA-ES as pycma has it, with a random generator of its own in place of NumPy's global one."""
+    try:
+        from cma import CMAEvolutionStrategy
+    except ImportError as error:
+        raise ImportError(
+            "polishing a tree needs pycma, which is not installed; install it: pip install 'sympol[bench]'"
+        ) from error
+    rng = np.random.default_rng(seed)
+    options = {
+        "popsize": WIDER * (4 + int(3 * math.log(size))),
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "seed": math.nan,  # do not seed NumPy
+        # returns are noisy: neither that the best was long ago nor that it is always the same means much
+        "tolstagnation": math.inf,
+        "tolfun": 0,
+        "tolfunhist": 0,
+        "tolflatfitness": FLAT,
+        "verbose": -10,  # no words, and no file of signals is read
+    }
+    return CMAEvolutionStrategy(np.zeros(size), STEP, options)

@@ -1,0 +1,150 @@
+"""The teacher's road: from a network to a large tree, and from there, in turns, a size less and a polish.
+
+1. A teacher is trained, or given.
+2. It is distilled into several trees that may be four times as large as those asked for: what a large tree earns, a
+   small one pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
+3. The best two are pruned by return to twice the limit and polished, which leaves the better one, pruned to the limit,
+   polished again, and so on below (`sympol.search.front.finetune_schedule`): CART puts thresholds where the
+   teacher's answers change,
+   and not where the tree, which is cruder, had better change its own.
+
+Each tree is kept when it is there. What is done is not done again.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...agents import load
+from ...distill import Teacher, load_sb3
+from ...distill.imitate import Play
+from ...envs.registry import resolve
+from ...play import Episodes, Purpose, play
+from ...teachers import DISCRETIZE, as_teacher, default_method, distill_policy
+from ...trees import DecisionTree
+from ..evaluators.base import Arena, make_arena
+from .candidates import Found, keep, kept
+from .context import TRAINING, Site, chained, part, trained
+from .finetune_schedule import STARTS, best_of, polished, stages
+from .front import Spent
+
+DISTILLING = 0.7
+"""Of the share of seconds, after which no further tree is distilled."""
+TIMES = (4, 4, 4, 4)
+"""How large distilled trees may be, in limits."""
+EPISODES = {"jax": 128, "native": 128, "host": 16}
+"""Of an iteration of distillation, by what steps them."""
+ITERATIONS = 12
+"""Trees that are fitted one after the other, of which distillation takes the best."""
+
+
+def taught(site: Site) -> None:
+    """Go the road; what is found is in the site's folder then."""
+    found = _distilled(site)
+    keep(site.folder, found, finished=False)
+    polished(site, found, "teacher")
+
+
+def _distilled(site: Site) -> list[Found]:
+    """Trees made of the teacher, and the best of them pruned by return until they can be polished."""
+    folder = site.folder / "distilled"
+    before, finished = kept(folder)
+    if finished:
+        return before
+    if site.plan.teacher:
+        teacher, cost = _given(site), Spent()
+    else:
+        teacher, spent = trained(site, "mlp", site.folder / "teacher", part(site.share, TRAINING))
+        cost = Spent(teacher_steps=spent.env_steps, seconds=spent.seconds)
+    asked = as_teacher(teacher)
+    warn_of_poor_teacher(asked)
+    trees = _trees(site, teacher, asked, before, cost)
+    arena, began = make_arena(site.spec, site.seed), time.perf_counter()
+    best = best_of(arena, [one.tree for one in trees], STARTS)
+    cost = trees[-1].spent + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
+    found, largest = list(trees), stages(site.plan.max_nodes)[0].nodes
+    for tree in best:
+        found += chained(site, tree, "teacher", cost, smallest=largest)
+        cost = found[-1].spent
+    within = [one for one in found if one.tree.n_nodes <= largest]
+    keep(folder, within, finished=True)
+    return within
+
+
+def _trees(site: Site, policy: Any, teacher: Teacher, before: Sequence[Found], cost: Spent) -> list[Found]:
+    """Large trees that imitate the teacher, besides those of ``before``, as many as time allows; one at least."""
+    episodes, found = EPISODES[site.spec.backend], list(before)
+    soft = default_method(policy, teacher) == DISCRETIZE
+    limits = [0] if soft else [max(3, times * (site.plan.max_nodes + 1) - 1) for times in TIMES]
+    for i, limit in list(enumerate(limits))[len(before) :]:
+        spent = found[-1].spent if found else cost
+        if found and spent.seconds > DISTILLING * site.share.seconds:
+            break
+        arena, began = make_arena(site.spec, site.seed), time.perf_counter()
+        if soft:
+            tree = distill_policy(policy, DISCRETIZE, env=teacher.spec)
+        else:
+            tree = distill_policy(
+                policy,
+                "dagger",
+                env=teacher.spec,
+                seed=(site.seed + i) % 2**32,
+                max_nodes=limit,
+                num_iterations=ITERATIONS,
+                episodes_per_iteration=episodes,
+                num_validation_episodes=2 * episodes,
+                play_tree=player(arena),
+            )
+        spent += Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
+        found.append(Found(tree, "teacher", spent))
+        keep(site.folder / "distilled", found, finished=False)
+    return found
+
+
+def player(arena: Arena) -> Play:
+    """The arena as distillation plays trees: on episodes far from those that pruning plays.
+
+    Only where something is to be learnt from what was seen it is observed, which takes as long again.
+    """
+
+    def play_tree(tree: DecisionTree, number: int, seed: int, purpose: Purpose) -> Episodes:
+        word = int(np.random.SeedSequence([seed, purpose == "distill"]).generate_state(1)[0])
+        episodes = range(first := (1 + word % 2**19) << 10, first + number)
+        played = arena.play([tree], episodes)
+        seen = np.zeros((0, tree.n_features), np.float32)
+        if purpose == "distill":
+            seen = arena.observe(tree, episodes)
+        return Episodes(played.returns[0], played.lengths[0], seen)
+
+    return play_tree
+
+
+def _given(site: Site) -> Any:
+    path = Path(site.plan.teacher)
+    if path.is_dir():
+        return load(path)
+    return load_sb3(
+        path, resolve(site.plan.env, env_kwargs=site.plan.env_kwargs, backend="host"), trust=False
+    )
+
+
+def warn_of_poor_teacher(teacher: Teacher) -> None:
+    """Say so where a teacher earns less than chance does."""
+    space = teacher.spec.action_space
+    space.seed(0)
+    its = play(teacher, teacher.spec, 10, seed=0, purpose="distill").returns.mean()
+    chance = play(
+        lambda x: np.stack([space.sample() for _ in x]), teacher.spec, 10, seed=0, purpose="distill"
+    )
+    if its < chance.returns.mean():
+        warnings.warn(
+            f"the teacher earns {its:.1f}, less than a random policy does, {chance.returns.mean():.1f}; its trees "
+            "will be poor",
+            stacklevel=2,
+        )

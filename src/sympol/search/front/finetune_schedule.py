@@ -1,0 +1,172 @@
+"""In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
+
+A tree of twice the limit is polished (`sympol.search.finetune_thresholds`), pruned by return to the limit and
+polished again; then
+to four fifths of its nodes and polished again, and so on down to a quarter of the limit: what little pruning loses at
+once, polishing wins back. So what is asked for comes out of trees that had room. And as what a tree asks limits how far
+it can be polished, it gets other questions (`sympol.search.resplit`) for as long as its size has time.
+
+Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...envs.spec import EnvSpec
+from ...trees import BoxActions, DecisionTree
+from ..evaluators.base import Arena, make_arena
+from ..evolve import Budget
+from ..finetune_thresholds import Polished, polish
+from ..resplit import EPISODES as REGROWN
+from ..resplit import regrow
+from .candidates import Found, keep, kept
+from .context import Site, chained
+from .front import Spent
+
+STEPS = 3
+"""In which a tree within the limit loses half of its nodes."""
+ABOVE = 2
+"""How large the first trees are, in limits."""
+ASKED_PART, SMALL_PART = 4.0, 0.5
+"""How long trees of the limit and of half of it have, and those of less than that, where others have 1: the more time
+for other questions, the more they earn, and what is below starts from what they became."""
+POLISHING = 0.25
+"""Of a size's time, before it gets other questions; the largest has no others."""
+STARTS = 2
+"""Trees that are polished side by side at first."""
+FIRST, LAST = 32, 128
+"""Episodes of a race: for all, and for the best few."""
+FAR = 1 << 30
+"""Polishing plays episodes from here on."""
+EPISODES = {"jax": 64, "native": 32, "host": 16}
+"""Of a generation of polishing, by what steps them."""
+APART = 1 << 25
+"""Episodes of one size."""
+REGROWING_FROM, MOST_TURNS = 1 << 24, 16
+"""The first episode in which one size gets other questions, and how often it does at most."""
+
+
+def polished(site: Site, found: Sequence[Found], road: str) -> list[Found]:
+    """What a road has found, and what comes of it by polishing; all of it is in the site's folder then."""
+    found = list(found)
+    for stage in stages(site.plan.max_nodes) if has_numbers(site.spec) else ():
+        found += _at(site, found, stage, f"{road} + polish")
+        keep(site.folder, found, finished=False)
+    keep(site.folder, found, finished=True)
+    return found
+
+
+def has_numbers(spec: EnvSpec) -> bool:
+    """Whether there is anything to polish: a feature that is no category, or a continuous action."""
+    categories = sum(len(group.features) for group in spec.features.groups)
+    return categories < len(spec.features.names) or isinstance(spec.actions, BoxActions)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A size to polish."""
+
+    nodes: int
+    """At most."""
+    next_nodes: int
+    """To which the tree is pruned afterwards."""
+    part: float
+    """Of the steps and seconds that are left."""
+    first_episode: int
+
+
+def stages(max_nodes: int) -> list[Stage]:
+    """From twice the limit down to a quarter of it, as long as there is a question to polish."""
+    ratios = np.array([ABOVE, *(2.0 ** (-np.arange(2 * STEPS + 1) / STEPS))])
+    leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
+    sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
+    parts = [_part(size, max_nodes) for size in sizes]
+    return [
+        Stage(size, end, parts[i] / sum(parts[i:]), FAR + i * APART)
+        for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True))
+    ]
+
+
+def _part(size: int, max_nodes: int) -> float:
+    """How long a size has."""
+    half = (max_nodes - 1) // 2
+    if size == max_nodes or half <= size <= half + 1:
+        return ASKED_PART
+    return 1.0 if size > half else SMALL_PART
+
+
+def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Found]:
+    """The best of the trees that are no larger, polished, and pruned by return."""
+    folder = site.folder / f"{stage.nodes}-nodes"
+    before, finished = kept(folder)
+    if finished:
+        return before
+    arena, began = make_arena(site.spec, site.seed), time.perf_counter()
+    road_so_far = found[-1].spent
+    if before:
+        starts, done = [before[0].tree], before[0].spent
+    else:
+        starts, done = _best_below(stage.nodes, found, arena), road_so_far
+
+    def spent() -> Spent:
+        return done + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
+
+    def tell(now: Polished) -> None:
+        keep(folder, [Found(now.tree, road, spent())], finished=False)
+
+    def left(part: float) -> Budget:
+        """Of so much of the size's time."""
+        share, part, here = site.share, part * stage.part, spent()
+        return Budget(
+            (share.steps - road_so_far.steps) * part - (here.steps - road_so_far.steps),
+            (share.seconds - road_so_far.seconds) * part - (here.seconds - road_so_far.seconds),
+        )
+
+    episodes = EPISODES[site.spec.backend]
+    at, polishing = stage.first_episode, POLISHING if stage.nodes <= site.plan.max_nodes else 1.0
+    better = polish(
+        starts,
+        arena,
+        budget=left(polishing),
+        episodes=episodes,
+        first_episode=at,
+        seed=site.seed,
+        progress=tell,
+    )
+    for turn in range(MOST_TURNS if polishing < 1 else 0):
+        budget, first = left(1.0), at + REGROWING_FROM + turn * REGROWN
+        if min(budget.steps, budget.seconds) <= 0:
+            break
+        better = regrow(
+            better,
+            arena,
+            max_nodes=stage.nodes,
+            budget=budget,
+            episodes=episodes,
+            first_episode=first,
+            seed=(site.seed + turn) % 2**32,
+        )
+        keep(folder, [Found(better, road, spent())], finished=False)
+    more = chained(site, better, road, spent(), smallest=stage.next_nodes)
+    keep(folder, more, finished=True)
+    return more
+
+
+def _best_below(nodes: int, found: Sequence[Found], arena: Arena) -> list[DecisionTree]:
+    """The best of the trees that have at most so many nodes, and more than half as many if there are such."""
+    fit = [one.tree for one in found if one.tree.n_nodes <= nodes]
+    return best_of(arena, [tree for tree in fit if tree.n_nodes > nodes // 2] or fit, STARTS)
+
+
+def best_of(arena: Arena, trees: Sequence[DecisionTree], number: int) -> list[DecisionTree]:
+    """The best of some different trees: all play a few episodes, the best few of them more."""
+    trees = list(dict.fromkeys(trees))
+    for episodes, kept_on in ((FIRST, 2 * number), (LAST, number)):
+        means = arena.play(trees, range(episodes)).returns.mean(axis=1, dtype=np.float64)
+        trees = [trees[i] for i in np.argsort(-means, kind="stable")[:kept_on]]
+    return trees

@@ -1,0 +1,261 @@
+"""The front of return against size: the trees that no other tree is both as small as and better than.
+
+A tree is chosen by what it earned in validation episodes, and tested once, on episodes that nothing was chosen by.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ...trees import DecisionTree
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ...envs.spec import EnvSpec
+
+
+class FrontError(ValueError):
+    """A front that cannot be: the message names the value, the rule and the remedy."""
+
+
+def _count(name: str, value: Any, *, least: int = 0) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise FrontError(f"{name} must be a whole number of at least {least}, got {value!r}")
+    return int(value)
+
+
+def _finite(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not math.isfinite(value):
+        raise FrontError(f"{name} must be a finite number, got {value!r}")
+    return float(value)
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What something cost; costs can be added."""
+
+    env_steps: int = 0
+    """Environment steps of trainings and searches, and of choosing; not a teacher's, and not those of tests."""
+    teacher_steps: int = 0
+    """Environment steps that teachers were trained with."""
+    selection_episodes: int = 0
+    """Episodes that something was chosen by."""
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check; raises FrontError."""
+        for name in ("env_steps", "teacher_steps", "selection_episodes"):
+            object.__setattr__(self, name, _count(name, getattr(self, name)))
+        object.__setattr__(self, "seconds", _finite("seconds", self.seconds))
+        if self.seconds < 0:
+            raise FrontError(f"seconds must not be negative, got {self.seconds}")
+
+    @property
+    def steps(self) -> int:
+        """Environment steps, a teacher's among them."""
+        return self.env_steps + self.teacher_steps
+
+    def __add__(self, other: Spent) -> Spent:
+        """Both together."""
+        return Spent(*(getattr(self, part.name) + getattr(other, part.name) for part in fields(self)))
+
+
+@dataclass(frozen=True)
+class Returns:
+    """What a tree earned in some episodes, undiscounted."""
+
+    episodes: int
+    mean: float
+    std: float
+    """Over episodes (ddof 1)."""
+    low: float
+    """Of Student's 95 % interval of the mean over episodes: how far luck with episodes moved it."""
+    high: float
+
+    def __post_init__(self) -> None:
+        """Check; raises FrontError."""
+        object.__setattr__(self, "episodes", _count("episodes", self.episodes, least=2))
+        for name in ("mean", "std", "low", "high"):
+            object.__setattr__(self, name, _finite(name, getattr(self, name)))
+        if self.std < 0 or not self.low <= self.mean <= self.high:
+            raise FrontError(
+                f"a mean must lie in its interval and a deviation not be negative, got {self.mean} in "
+                f"[{self.low}, {self.high}] ± {self.std}; make them of returns: Returns.of(returns)"
+            )
+
+    @classmethod
+    def of(cls, returns: ArrayLike) -> Returns:
+        """Sum up the returns of episodes, at least two of them.
+
+        Raises:
+            FrontError: fewer, or a return that is not finite.
+        """
+        from ...results.statistics import mean_interval, moments  # SciPy is slow to import
+
+        values = np.asarray(returns, float)
+        if values.ndim != 1 or len(values) < 2 or not np.isfinite(values).all():
+            raise FrontError(
+                f"returns must be finite and of at least 2 episodes, a list, got {values.tolist()!r:.60}; one episode "
+                "has no interval"
+            )
+        _, mean, std = moments(values)
+        bounds = mean_interval(values)
+        assert std is not None
+        assert bounds is not None
+        return cls(len(values), mean, std, bounds.low, bounds.high)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One tree, how it was made, and what it earned."""
+
+    tree: DecisionTree
+    validation: Returns
+    """Of episodes that it may have been chosen by: a little too good, the more so the more trees were tried."""
+    road: str
+    """How it was made, in words: "scratch", "teacher + shrink", …."""
+    seed: int
+    """Of the run that it comes from."""
+    spent: Spent = Spent()
+    """On the way to this tree; what ways have in common counts in each."""
+    test: Returns | None = None
+    """Of episodes that nothing was chosen by."""
+
+    def __post_init__(self) -> None:
+        """Check; raises FrontError."""
+        if not self.road or not self.road.isprintable():
+            raise FrontError(f'a road must be a few words on one line, such as "scratch", got {self.road!r}')
+        object.__setattr__(self, "seed", _count("seed", self.seed))
+
+    @classmethod
+    def of(
+        cls,
+        tree: DecisionTree,
+        returns: ArrayLike,
+        *,
+        road: str,
+        seed: int,
+        spent: Spent = Spent(),
+        test_returns: ArrayLike | None = None,
+    ) -> Point:
+        """Make one of the ``returns [episodes]`` of validation, and of those of the test if there was one."""
+        test = None if test_returns is None else Returns.of(test_returns)
+        return cls(tree, Returns.of(returns), road, seed, spent, test)
+
+    def tested(self, returns: ArrayLike) -> Point:
+        """The same one with the ``returns [episodes]`` of its test, which is done once.
+
+        Raises:
+            FrontError: it has been tested.
+        """
+        if self.test is not None:
+            raise FrontError(
+                f"the tree of {self.nodes} nodes has been tested; whoever tests again, chooses among tests"
+            )
+        return replace(self, test=Returns.of(returns))
+
+    @property
+    def nodes(self) -> int:
+        """Inner nodes and leaves."""
+        return self.tree.n_nodes
+
+    @property
+    def mean(self) -> float:
+        """Of validation."""
+        return self.validation.mean
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Student's 95 % interval of the mean over validation episodes."""
+        return self.validation.low, self.validation.high
+
+
+class Candidate(NamedTuple):
+    """A tree that was tried: enough of it to be drawn behind the front."""
+
+    nodes: int
+    mean: float
+    """Of validation."""
+    road: str
+
+
+def non_dominated(points: Iterable[Point]) -> list[Point]:
+    """The points that earn more in validation than every other one of at most their size, the smallest first.
+
+    Means are compared as they are; of two that earn the same the smaller one stays, and of two of the same size the
+    one that came first.
+    """
+    front: list[Point] = []
+    for point in sorted(points, key=lambda point: (point.nodes, -point.mean)):
+        if not front or point.mean > front[-1].mean:
+            front.append(point)
+    return front
+
+
+@dataclass(frozen=True)
+class Front:
+    """What one whole run found on one task."""
+
+    environment: str
+    seed: int
+    points: tuple[Point, ...]
+    """The smallest first, each better than those before it: see `non_dominated`."""
+    candidates: tuple[Candidate, ...] = ()
+    """Everything that was tried, or a part of it, to be drawn behind."""
+    spent: Spent = Spent()
+    """By the whole run; less than the sum over points, which share their ways."""
+    budget: Mapping[str, Any] = field(default_factory=dict)
+    """What was granted, such as ``{"seconds": 300}``: plain JSON."""
+    versions: Mapping[str, Any] = field(default_factory=dict)
+    """Of everything that the result may depend on: `sympol.runs.about.versions`."""
+    commit: str = ""
+    date: str = ""
+    """When it was finished, in ISO 8601."""
+
+    def __post_init__(self) -> None:
+        """Check; raises FrontError."""
+        points = tuple(self.points)
+        object.__setattr__(self, "points", points)
+        candidates = tuple(
+            Candidate(_count("nodes", nodes, least=1), _finite("mean", mean), str(road))
+            for nodes, mean, road in self.candidates
+        )
+        object.__setattr__(self, "candidates", candidates)
+        object.__setattr__(self, "seed", _count("seed", self.seed))
+        if not points:
+            raise FrontError("a front must have points, got none; one leaf is a tree, too")
+        if len(non_dominated(points)) < len(points) or list(points) != sorted(points, key=lambda p: p.nodes):
+            raise FrontError(
+                "points must grow in nodes and in validation return, got "
+                f"{[(point.nodes, point.mean) for point in points]}; choose them by non_dominated(points)"
+            )
+
+    @property
+    def roads(self) -> tuple[str, ...]:
+        """The roads that were taken, as ``budget`` says it; none where it does not."""
+        return tuple(self.budget.get("roads", ()))
+
+    def best(self, max_nodes: int | None = None) -> Point | None:
+        """The point that earned most in validation, of those with at most ``max_nodes``; None if there is none."""
+        small = [point for point in self.points if max_nodes is None or point.nodes <= max_nodes]
+        return small[-1] if small else None
+
+    def save(self, folder: str | PathLike[str], spec: EnvSpec) -> None:
+        """Write ``front.json`` and a run's folder for each point: see `sympol.search.front.files`."""
+        from .files import save
+
+        save(self, folder, spec)
+
+    @staticmethod
+    def load(folder: str | PathLike[str]) -> Front:
+        """Read what `save` wrote: see `sympol.search.front.files`."""
+        from .files import load
+
+        return load(folder)

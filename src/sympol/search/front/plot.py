@@ -1,0 +1,277 @@
+"""The front as a picture: validation return against nodes, and the trees themselves beside it.
+
+A road has a colour and a mark, so that nothing is said by colour alone; the same front gives the same file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from ...results.number_format import given, number
+from ...results.style import PANEL, Look, legend_below, save, styled
+from ...runs.progress import decimals
+from ...trees.plot import arrange, draw
+from ...trees.plot_page import check_file
+from .aggregate import require_one_task, sizes_of, summarise
+from .front import Front, Point
+from .labels import Label, place_labels
+from .references import Reference, references
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Looks: TypeAlias = Mapping[str, Look]
+"""Of roads."""
+
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_MARKS = ("o", "^", "s", "D", "v", "P", "X", "p")
+_GREY = "#777777"
+_SIZE = (2.3 * PANEL[0], 1.75 * PANEL[1])
+_LETTER = 0.07
+"""Inches, in a legend."""
+_LEAST = 15
+"""Nodes that the axis reaches at least."""
+_DRAWN = 15
+"""Nodes of the largest tree that is drawn beside a front."""
+
+
+def plot(
+    fronts: Front | Sequence[Front],
+    path: str | PathLike[str] | None = None,
+    *,
+    beside: Iterable[Reference] | None = None,
+) -> Figure:
+    """Draw one run's front, or those of several runs of one task with their mean; save it if a path is given.
+
+    ``beside`` are other people's returns, by default those that `references` knows of the task.
+
+    Raises:
+        ValueError: the path ends neither in .svg, .pdf nor .png, or the runs are not of one task.
+    """
+    fronts = [fronts] if isinstance(fronts, Front) else list(fronts)
+    if path is not None:
+        check_file(path)
+    with styled():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=_SIZE, layout="constrained")
+        ax = figure.subplots()
+        labels = panel(ax, fronts, looks_of(fronts), beside)
+        _legend(figure, [ax])
+        _settle(figure)
+        place_labels(ax, labels)
+        if path is not None:
+            save(figure, Path(path))
+    return figure
+
+
+def plot_gallery(
+    tasks: Sequence[Sequence[Front]], path: str | PathLike[str] | None = None, *, trees: int = 3
+) -> Figure:
+    """Draw a row for each task: the front of its runs, and beside it the smallest ``trees`` trees of the first run.
+
+    Raises:
+        ValueError: no tasks, or as `plot` does.
+    """
+    if not tasks:
+        raise ValueError("a gallery needs the fronts of at least one task, got none")
+    if path is not None:
+        check_file(path)
+    looks = looks_of([front for fronts in tasks for front in fronts])
+    with styled():
+        from matplotlib.figure import Figure
+
+        figure = Figure(
+            figsize=(_SIZE[0] + 1.1 * trees * PANEL[0], 1.35 * PANEL[1] * len(tasks)), layout="constrained"
+        )
+        widths = [_SIZE[0] / PANEL[0], *[1.1] * trees]
+        rows = figure.subplots(len(tasks), 1 + trees, squeeze=False, width_ratios=widths)
+        panels = [(row[0], panel(row[0], fronts, looks)) for row, fronts in zip(rows, tasks, strict=True)]
+        _legend(figure, [ax for ax, _ in panels])
+        beside = [
+            (ax, point)
+            for row, fronts in zip(rows, tasks, strict=True)
+            for ax, point in zip(row[1:], smallest(fronts[0], trees), strict=False)
+        ]
+        for ax in rows[:, 1:].flat:
+            ax.set_axis_off()
+        for ax, point in beside:
+            ax.set_title(f"{point.nodes} nodes: {_returned(point)}")
+        _settle(figure)  # a tree is drawn to fit its panel, whose place must be known
+        for ax, point in beside:
+            _draw_tree(ax, point)
+        for ax, labels in panels:
+            place_labels(ax, labels)
+        if path is not None:
+            save(figure, Path(path))
+    return figure
+
+
+def smallest(front: Front, count: int) -> list[Point]:
+    """The trees of a front that are drawn beside it: the smallest that decide anything, while they can be read."""
+    return [point for point in front.points if 1 < point.nodes <= _DRAWN][:count]
+
+
+def _legend(figure: Figure, axes: Sequence[Axes]) -> None:
+    """In as many columns as there is room for."""
+    longest = max(len(label) for ax in axes for label in ax.get_legend_handles_labels()[1])
+    legend_below(figure, axes, columns=max(1, int(figure.get_figwidth() / (0.7 + _LETTER * longest))))
+
+
+def _settle(figure: Figure) -> None:
+    """Fix where the panels are. The solver's last digits are not the same each time; rounded, the file is."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for ax in figure.axes:
+        left, bottom, width, height = np.round(ax.get_position().bounds, 4).tolist()
+        ax.set_position((left, bottom, width, height))
+
+
+def _draw_tree(ax: Axes, point: Point) -> None:
+    """In the middle of a panel, no larger than on a page of its own."""
+    layout, boxes = arrange(point.tree, 3)
+    figure = ax.figure.canvas.figure
+    place, wanted = ax.get_position(), layout.extent / figure.get_size_inches()
+    width, height = np.minimum(wanted, (place.width, place.height)).tolist()
+    left, bottom = place.x0 + (place.width - width) / 2, place.y0 + (place.height - height) / 2
+    ax.set_position((left, bottom, width, height))
+    draw(point.tree, layout, boxes, ax)
+
+
+def looks_of(fronts: Iterable[Front]) -> Looks:
+    """A look for every road, the same whenever there are the same roads."""
+    roads = sorted({mark.road for front in fronts for mark in (*front.points, *front.candidates)})
+    styles = zip(roads, cycle(_COLOURS), cycle(_MARKS), strict=False)
+    return {road: Look(colour, "-", mark) for road, colour, mark in styles}
+
+
+def panel(
+    ax: Axes, fronts: Sequence[Front], looks: Looks, beside: Iterable[Reference] | None = None
+) -> list[Label]:
+    """Draw the fronts of one task; return the labels that `place_labels` puts where there is room."""
+    environment = require_one_task(fronts)
+    others = references(environment) if beside is None else list(beside)
+    right = _nodes_axis(ax, fronts, others)
+    bottom = _returns_axis(ax, fronts, others)
+    for front in fronts:
+        _candidates(ax, front, looks)
+        _steps(ax, front.points, right, faint=len(fronts) > 1)
+        for point in front.points:
+            _point(ax, point, looks[point.road], bottom)
+    if len(fronts) > 1:
+        _mean(ax, fronts, right)
+    else:
+        _tests(ax, fronts[0])
+    ax.set(title=environment, xlabel="nodes", ylabel="validation return" if len(fronts) == 1 else "return")
+    return [*_below(fronts, bottom), *_references(ax, others)]
+
+
+def _nodes_axis(ax: Axes, fronts: Sequence[Front], others: Iterable[Reference]) -> float:
+    """An axis on which trees that are one level deeper are one step further: 1, 3, 7, 15, …; return its end."""
+    most = max([_LEAST, *sizes_of(fronts), *(other.nodes or 0 for other in others)])
+    last = int(np.ceil(np.log2(most + 1)))
+    ax.set_xscale("function", functions=(lambda n: np.log2(np.maximum(n, 0) + 1), lambda x: 2.0**x - 1))
+    ticks = [2**k - 1 for k in range(1, last + 1)]
+    ax.set_xticks(ticks, [str(tick) for tick in ticks])
+    ax.minorticks_off()
+    right = 2 ** (last + 0.3) - 1
+    ax.set_xlim(2**0.7 - 1, right)
+    return right
+
+
+def _returns_axis(ax: Axes, fronts: Sequence[Front], others: Sequence[Reference]) -> float:
+    """Limits in which the good trees can be told apart; return the lower one. What lies below is said in words."""
+    means = np.array([point.mean for front in fronts for point in front.points])
+    top = max(means.max(), *(point.validation.high for front in fronts for point in front.points))
+    shown = [other.mean for other in others]
+    top, middle = max([top, *shown]), float(np.median(means))
+    bottom = min([max(means.min(), top - 3 * (top - middle)), *shown])
+    room = 0.08 * ((top - bottom) or max(1.0, abs(top)))
+    ax.set_ylim(bottom - room, top + room)
+    ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
+    return bottom - room
+
+
+def _candidates(ax: Axes, front: Front, looks: Looks) -> None:
+    for road in dict.fromkeys(candidate.road for candidate in front.candidates):
+        tried = [
+            (candidate.nodes, candidate.mean) for candidate in front.candidates if candidate.road == road
+        ]
+        look = looks[road]
+        ax.plot(*np.transpose(tried), look.marker, color=look.colour, alpha=0.15, markersize=3)
+
+
+def _steps(ax: Axes, points: Sequence[Point], right: float, *, faint: bool) -> None:
+    """What one gets for at most so many nodes."""
+    nodes, means = stairs([point.nodes for point in points], [point.mean for point in points], right)
+    ax.plot(nodes, means, color=_GREY, linewidth=0.6 if faint else 1.2)
+
+
+def stairs(nodes: Sequence[int], values: Sequence[float], right: float) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of a line that keeps each value until the next size, the last one to the ``right``."""
+    return np.repeat([*nodes, right], 2)[1:-1], np.repeat(values, 2)
+
+
+def _point(ax: Axes, point: Point, look: Look, bottom: float) -> None:
+    if point.mean < bottom:
+        return
+    low, high = point.interval
+    ax.plot([point.nodes] * 2, [low, high], color=look.colour, linewidth=1.2)
+    ax.plot([point.nodes], [point.mean], look.marker, color=look.colour, label=point.road)
+
+
+def _tests(ax: Axes, front: Front) -> None:
+    tested = [(point.nodes, point.test.mean) for point in front.points if point.test is not None]
+    if tested:
+        ax.plot(*np.transpose(tested), "_", color="black", markersize=8, label="test")
+
+
+def _mean(ax: Axes, fronts: Sequence[Front], right: float) -> None:
+    """The mean test return over runs, with its interval over runs."""
+    if any(point.test is None for front in fronts for point in front.points):
+        return
+    found = [of for of in summarise(fronts, sizes_of(fronts)) if of.spread is not None]
+    nodes = [of.nodes for of in found]
+    mean, low, high = (
+        stairs(nodes, [getattr(of.spread, name) for of in found], right)[1]
+        for name in ("estimate", "low", "high")
+    )
+    across, words = stairs(nodes, nodes, right)[0], "test: mean of runs, 95 %"
+    ax.plot(across, mean, color="black", label=words, zorder=3)
+    ax.fill_between(across, low, high, color="black", alpha=0.08, linewidth=0)
+
+
+def _below(fronts: Sequence[Front], bottom: float) -> list[Label]:
+    """Points that lie below the picture are said in words at its lower edge."""
+    low = [point for front in fronts for point in front.points if point.mean < bottom]
+    worst = {point.nodes: point for point in sorted(low, key=lambda point: -point.mean)}
+    return [Label(nodes, bottom, f"↓ {_short(point.mean)}", _GREY) for nodes, point in worst.items()]
+
+
+def _references(ax: Axes, others: Iterable[Reference]) -> list[Label]:
+    """Trees as crosses, what is no tree as a line across."""
+    labels = []
+    for other in others:
+        if other.nodes is None:
+            ax.axhline(other.mean, color=_GREY, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
+        else:
+            ax.plot([other.nodes], [other.mean], "+", color="black", markersize=6)
+        words, colour = f"{other.label} {given(other.mean)}", "black" if other.nodes else _GREY
+        labels.append(Label(other.nodes, other.mean, words, colour))
+    return labels
+
+
+def _returned(point: Point) -> str:
+    mean = point.mean if point.test is None else point.test.mean
+    return number(mean, decimals(mean))
+
+
+def _short(mean: float) -> str:
+    return number(mean, 0 if float(mean).is_integer() else decimals(mean))

@@ -1,0 +1,87 @@
+"""What stands beside our fronts: the paper's numbers, other published ones, and what was asked of us."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from ...bench.paper import Quantity, paper_number
+from ...bench.record import Cell
+
+
+class Reference(NamedTuple):
+    """A return that somebody else reports."""
+
+    label: str
+    mean: float
+    nodes: float | None = None
+    """Inner nodes and leaves; None for what is no tree."""
+
+
+class Target(NamedTuple):
+    """What a tree of at most ``nodes`` nodes should earn, on average over whole runs."""
+
+    nodes: int
+    mean: float | None
+    """None where it is no plain return: ``words`` says what it is."""
+    words: str = ""
+
+
+_TREES: Mapping[str, tuple[Reference, ...]] = {
+    "LunarLander-v3": (
+        Reference("published", 209, 27),
+        Reference("published", 253, 53),
+        Reference("published, best of 50", 260, 63),
+        Reference("oblique", 256, 31),
+    ),
+    "Pendulum-v1": (
+        Reference("imitation", -325, 31),
+        Reference("imitation", -261, 63),
+        Reference("imitation", -181, 255),
+        Reference("imitation", -165, 511),
+    ),
+    "Acrobot-v1": (Reference("published", -84, 3), Reference("published", -75, 173)),
+    "MountainCarContinuous-v0": (Reference("published", 96, 3), Reference("published", 97, 61)),
+}
+"""Deterministic trees of others, the best that we know of; what each is of, docs/pareto.md says."""
+_NETWORKS: Mapping[str, float] = {"LunarLander-v3": 278, "Pendulum-v1": -150}
+"""The best published neural networks that we know of."""
+_GRID = Target(15, None, "99.8 % of each episode's optimum")
+_TARGETS: Mapping[str, tuple[Target, ...]] = {
+    "CartPole-v1": (Target(5, 500),),
+    "Acrobot-v1": (Target(7, -82), Target(31, -78)),
+    "LunarLander-v3": (Target(31, 240), Target(63, 260)),
+    "MountainCarContinuous-v0": (Target(9, 97),),
+    "Pendulum-v1": (Target(31, -230), Target(127, -165)),
+    "MiniGrid-Empty-Random-6x6-v0": (_GRID,),
+    "MiniGrid-DoorKey-5x5-v0": (_GRID,),
+    "MiniGrid-LavaGapS5-v0": (_GRID,),
+    "MiniGrid-LavaGapS7-v0": (_GRID,),
+    "MiniGrid-DistShift1-v0": (_GRID,),
+    "sympol/DistShift-Random-v0": (Target(31, None, "every layout solved"),),
+}
+
+
+def references(environment: str) -> list[Reference]:
+    """Trees by size, then what is no tree; none for a task that nobody reports."""
+
+    def of_paper(quantity: Quantity, method: str) -> float | None:
+        return paper_number(quantity, Cell(environment, "ppo", method))
+
+    found = [*_TREES.get(environment, ())]
+    tree, nodes, mlp = of_paper("return", "tree"), of_paper("nodes", "tree"), of_paper("return", "mlp")
+    if tree is not None and nodes is not None:
+        found.append(Reference("SYMPOL, paper", tree, nodes))
+    found.sort(key=lambda reference: reference.nodes or 0)
+    if environment in _NETWORKS:
+        found.append(Reference("network, published", _NETWORKS[environment]))
+    if tree is not None and nodes is None:
+        found.append(Reference("SYMPOL, paper", tree))
+    if mlp is not None:
+        found.append(Reference("MLP, paper", mlp))
+    return found
+
+
+def targets(environment: str) -> tuple[Target, ...]:
+    """What was asked of a task's trees, the smallest first; nothing of a task that is not ours."""
+    return _TARGETS.get(environment, ())

@@ -1,0 +1,167 @@
+"""The search for a front: road after road, each kept as it goes, then the choice.
+
+Everything is in one folder. What is finished is not done again, so a search that was killed goes on where it was and
+loses at most what its tasks were doing: a training goes on from its checkpoint, evolution from its last heat.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TypeAlias
+
+from ... import files
+from ...bench.bench import commit, only_one
+from ...bounded import parse_json
+from ...envs.registry import resolve
+from ...parallel import Task, run_tasks
+from ...runs.about import RunError, versions
+from ..evolve import Budget
+from .candidates import Found, kept
+from .config import CHOOSING, Plan
+from .files import FILE as FRONT
+from .front import Front, Spent
+from .methods import place, tasks
+from .selection import choose, test
+
+PLAN = "plan.json"
+LIBRARIES = {"scikit-learn": "sklearn", "pycma": "cma"}
+"""That the teacher's road needs, and their modules."""
+Watch: TypeAlias = Callable[[str, float], object]
+"""Told what is done now, and the seconds that the search has taken so far."""
+
+
+def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = None) -> Front:
+    """Search, or go on with a search that was interrupted; return the front, which is in the folder then.
+
+    Raises:
+        RunError: the folder holds something else, or the search of another plan; or a road lacks a library.
+        ValueError: a budget that is too small to find anything.
+        TasksFailed: a road that failed.
+        Busy: another search works in the folder.
+    """
+    begin(plan, folder)
+    if (folder / FRONT).exists():
+        return Front.load(folder)
+    with only_one(folder, "search", "--out"):
+        return _search(plan, folder, workers, watch)
+
+
+def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Front:
+    spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
+    before = _seconds_before(plan, folder, workers)
+    began = time.perf_counter() - sum(before.values())
+
+    def now(doing: str) -> float:
+        elapsed = time.perf_counter() - began
+        if watch is not None:
+            watch(doing, elapsed)
+        return elapsed
+
+    for road in plan.roads:
+        todo = tasks(plan, folder, road, _share(plan, road, now(road) - before[road]), workers)
+        run_tasks(todo, workers=workers, on_done=_warn, progress=False)
+    found, spent = collected(plan, folder)
+    if not found:
+        raise ValueError(
+            f"a budget of {plan.budget} was too small to find a tree of at most {plan.max_nodes} nodes; give more, "
+            "such as --budget 5m"
+        )
+    now("choose")
+    front = choose(plan, spec, found, spent)
+    seconds = now("test")
+    front = replace(
+        test(front, spec, plan.eval_episodes),
+        spent=replace(front.spent, seconds=seconds),
+        commit=commit(),
+        versions=versions(),
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+    front.save(folder, spec)
+    return front
+
+
+def begin(plan: Plan, folder: Path) -> None:
+    """Make the folder of a search, or see that it holds this one.
+
+    Raises:
+        RunError: it does not, or a road lacks a library.
+    """
+    missing = [name for name, module in LIBRARIES.items() if find_spec(module) is None]
+    if "teacher" in plan.roads and missing:
+        raise RunError(
+            f"the teacher's road needs {' and '.join(missing)}, not installed here: pip install 'sympol[bench]', or "
+            "leave it out: --roads scratch evolve"
+        )
+    file = folder / PLAN
+    if file.exists():
+        try:
+            was = Plan.from_dict(parse_json(files.read_text(file), "it"))
+        except (OSError, ValueError, TypeError) as error:
+            raise RunError(f"{file} cannot be read ({error}); choose another --out") from error
+        changed = [
+            f"{name} {value!r}, not {plan.to_dict()[name]!r}"
+            for name, value in was.to_dict().items()
+            if value != plan.to_dict()[name]
+        ]
+        if changed:
+            raise RunError(
+                f"{folder} holds a search with {', '.join(changed)}; replace it with --overwrite, or choose another "
+                "--out"
+            )
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise RunError(f"{folder} exists and is no search; choose another --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    files.write(file, (json.dumps(plan.to_dict(), indent=1) + "\n"))
+
+
+def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:
+    """All that the roads have found so far, and what they have cost together.
+
+    Evolution starts from what the others found, so what it found has cost what they did, too.
+    """
+    found: list[Found] = []
+    spent = Spent()
+    for road in plan.roads:
+        before = spent if road == "evolve" else Spent()
+        for task in tasks(plan, folder, road, Budget()):
+            trees, _ = kept(place(folder, road, task.arguments["index"]))
+            found += [replace(one, spent=before + one.spent) for one in trees]
+            spent += max((one.spent for one in trees), key=lambda one: one.env_steps, default=Spent())
+    return found, spent
+
+
+def _warn(task: Task, messages: list[str]) -> None:
+    """Say here what was warned of in a worker."""
+    for message in messages:
+        warnings.warn(f"{task.name}: {message}", stacklevel=2)
+
+
+def _seconds_before(plan: Plan, folder: Path, workers: int) -> dict[str, float]:
+    """What each road had taken when the search was interrupted, so many of its tasks side by side."""
+
+    def seconds(road: str) -> float:
+        took = [
+            max(
+                (one.spent.seconds for one in kept(place(folder, road, task.arguments["index"]))[0]),
+                default=0.0,
+            )
+            for task in tasks(plan, folder, road, Budget())
+        ]
+        return max(*took, sum(took) / workers)
+
+    return {road: seconds(road) for road in plan.roads}
+
+
+def _share(plan: Plan, road: str, elapsed: float) -> Budget:
+    """What a road may take in all: its part, the last one all that the others have left in ``elapsed`` seconds."""
+    if road == plan.roads[-1]:
+        return Budget(plan.steps * plan.share(road), max(1.0, plan.seconds * (1 - CHOOSING) - elapsed))
+    return Budget(plan.steps * plan.share(road), plan.seconds * plan.share(road))

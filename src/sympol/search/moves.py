@@ -1,0 +1,234 @@
+"""Small changes to a tree, drawn at random: what evolution tries.
+
+While it is changed, a tree is plain nested tuples, so that a change shares all that it leaves alone. Thresholds are
+drawn between values that were seen, where a question can make a difference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ..trees import DecisionTree
+from ..trees.actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
+from ..trees.name_lookup import SURE
+from ..trees.preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
+
+FEW = 32
+"""Of a feature that was seen with fewer values, a threshold moves from gap to gap and not by a bit."""
+
+
+class Leaf(NamedTuple):
+    """An answer, as in `DecisionTree.value`."""
+
+    value: tuple[float, ...]
+
+
+class Split(NamedTuple):
+    """A question: ``x[feature] <= threshold``?"""
+
+    feature: int
+    threshold: float
+    left: Plain
+    right: Plain
+
+
+Plain: TypeAlias = Leaf | Split
+Path: TypeAlias = tuple[bool, ...]
+"""From the root to a node: whether it goes right."""
+
+
+def plain(tree: DecisionTree) -> Plain:
+    """The tree as nested tuples."""
+    nodes: list[Plain] = []
+    for i in range(tree.n_nodes - 1, -1, -1):
+        if tree.is_leaf[i]:
+            nodes.append(Leaf(tuple(tree.value[i].tolist())))
+        else:
+            nodes.append(Split(int(tree.feature[i]), float(tree.threshold[i]), nodes.pop(), nodes.pop()))
+    return nodes[0]
+
+
+def tree_of(root: Plain, like: DecisionTree) -> DecisionTree:
+    """The tree of nested tuples, under the names, bounds and actions of another."""
+    left, right, feature, threshold, value = [], [], [], [], []
+    none = (0.0,) * like.actions.n_outputs
+
+    def write(node: Plain) -> int:
+        here = len(left)
+        is_leaf = isinstance(node, Leaf)
+        left.append(NO_CHILD)
+        right.append(NO_CHILD)
+        feature.append(NO_FEATURE if is_leaf else node.feature)
+        threshold.append(NO_THRESHOLD if is_leaf else node.threshold)
+        value.append(node.value if is_leaf else none)
+        if not is_leaf:
+            left[here] = write(node.left)
+            right[here] = write(node.right)
+        return here
+
+    write(root)
+    return replace(
+        like,
+        children_left=np.array(left),
+        children_right=np.array(right),
+        feature=np.array(feature),
+        threshold=np.array(threshold, np.float32),
+        value=np.array(value, np.float32),
+        n_node_samples=None,
+    )
+
+
+def size(node: Plain) -> int:
+    """Nodes, leaves among them."""
+    return 1 if isinstance(node, Leaf) else 1 + size(node.left) + size(node.right)
+
+
+def paths(node: Plain, above: Path = ()) -> list[tuple[Path, Plain]]:
+    """Every node and the way to it."""
+    here: list[tuple[Path, Plain]] = [(above, node)]
+    if isinstance(node, Split):
+        here += paths(node.left, (*above, False)) + paths(node.right, (*above, True))
+    return here
+
+
+def put(root: Plain, path: Path, new: Plain) -> Plain:
+    """The tree with another subtree at the end of a path."""
+    if not path:
+        return new
+    assert isinstance(root, Split)
+    if path[0]:
+        return root._replace(right=put(root.right, path[1:], new))
+    return root._replace(left=put(root.left, path[1:], new))
+
+
+@dataclass(frozen=True)
+class Moves:
+    """Draws changes for one environment.
+
+    ``seen`` holds the different values of each feature that were seen, sorted; ``spread`` their standard deviation.
+    """
+
+    actions: ActionSpec
+    seen: tuple[Float32[np.ndarray, " values"], ...]
+    spread: tuple[float, ...]
+
+    @staticmethod
+    def among(actions: ActionSpec, observations: Float32[np.ndarray, "steps features"]) -> Moves:
+        """Changes that make a difference among these observations.
+
+        Raises:
+            ValueError: no feature ever differs among them, so that no question can be asked.
+        """
+        seen = tuple(np.unique(column) for column in observations.T)
+        if all(len(values) < 2 for values in seen):
+            raise ValueError(f"{len(observations)} observations are all the same: there is nothing to ask")
+        return Moves(actions, seen, tuple(observations.std(axis=0).tolist()))
+
+    @cached_property
+    def asked(self) -> list[int]:
+        """Features about which a question makes a difference."""
+        return [feature for feature, values in enumerate(self.seen) if len(values) > 1]
+
+    def change(self, root: Plain, others: Sequence[Plain], rng: np.random.Generator) -> Plain:
+        """One change or a few; ``others`` are trees to take subtrees from."""
+        for _ in range(rng.geometric(0.6)):
+            root = self._change_once(root, others, rng)
+        return root
+
+    def leaf(self, rng: np.random.Generator) -> Leaf:
+        """Any answer."""
+        match self.actions:
+            case DiscreteActions(n=n):
+                return Leaf(_sure(n, int(rng.integers(n))))
+            case MultiDiscreteActions(nvec=nvec):
+                return Leaf(tuple(x for n in nvec for x in _sure(n, int(rng.integers(n)))))
+            case BoxActions():
+                return Leaf(tuple(rng.uniform(*self._range()).tolist()))
+
+    def other_answer(self, leaf: Leaf, rng: np.random.Generator) -> Leaf:
+        """Of discrete ones any, of continuous ones mostly one nearby."""
+        if not isinstance(self.actions, BoxActions) or rng.random() < 0.2:
+            return self.leaf(rng)
+        low, high = self._range()
+        step = rng.normal(size=low.shape) * (high - low) * 10 ** rng.uniform(-2.5, 0)
+        return Leaf(tuple((np.asarray(leaf.value) + step).clip(low, high).tolist()))
+
+    def _change_once(self, root: Plain, others: Sequence[Plain], rng: np.random.Generator) -> Plain:
+        everywhere = paths(root)
+        splits = [(path, node) for path, node in everywhere if isinstance(node, Split)]
+        leaves = [(path, node) for path, node in everywhere if isinstance(node, Leaf)]
+        kind = _KINDS[
+            int(np.searchsorted(_CUMULATED, rng.random(), side="right"))
+        ]  # choice(p=…) takes longer
+        if kind in _OF_SPLITS and splits:
+            path, split = splits[rng.integers(len(splits))]
+            return put(root, path, self._changed_split(split, kind, others, rng))
+        path, leaf = leaves[rng.integers(len(leaves))]
+        if kind == "answer":
+            return put(root, path, self.other_answer(leaf, rng))
+        node: Plain = leaf
+        if kind == "grow anywhere" and splits:
+            path, node = everywhere[rng.integers(len(everywhere))]
+        left, right = node, self.other_answer(leaf, rng)
+        if rng.random() < 0.5:
+            left, right = right, left
+        return put(root, path, self._question(left, right, rng))
+
+    def _changed_split(
+        self, split: Split, kind: str, others: Sequence[Plain], rng: np.random.Generator
+    ) -> Plain:
+        match kind:
+            case "threshold" if len(self.seen[split.feature]) > 2:
+                return split._replace(threshold=self._near(split, rng))
+            case "threshold" | "question":  # where there is one gap between values, no other threshold
+                return self._question(split.left, split.right, rng)
+            case "drop":
+                return split.left if rng.random() < 0.5 else split.right
+            case "swap":
+                return split._replace(left=split.right, right=split.left)
+            case _:  # "graft"
+                other = paths(others[int(rng.integers(len(others)))])
+                return other[int(rng.integers(len(other)))][1]
+
+    def _question(self, left: Plain, right: Plain, rng: np.random.Generator) -> Split:
+        feature = self.asked[int(rng.integers(len(self.asked)))]
+        return Split(feature, self._gap(feature, int(rng.integers(len(self.seen[feature]) - 1))), left, right)
+
+    def _gap(self, feature: int, i: int) -> float:
+        """Halfway between a value that was seen and the next."""
+        low, high = self.seen[feature][i : i + 2].tolist()
+        return low + (high - low) / 2
+
+    def _near(self, split: Split, rng: np.random.Generator) -> float:
+        values = self.seen[split.feature]
+        if len(values) >= FEW:
+            step = self.spread[split.feature] * 10 ** rng.uniform(-2.5, 0)
+            return split.threshold + float(rng.normal()) * step
+        at = int(np.searchsorted(values, split.threshold, side="right")) - 1 + int(rng.choice((-1, 1)))
+        return self._gap(split.feature, min(max(at, 0), len(values) - 2))
+
+    def _range(self) -> tuple[Float[np.ndarray, " outputs"], Float[np.ndarray, " outputs"]]:
+        """Bounds of continuous actions; one where there are none."""
+        assert isinstance(self.actions, BoxActions)
+        low, high = np.asarray(self.actions.low, float), np.asarray(self.actions.high, float)
+        return np.where(np.isfinite(low), low, -1.0), np.where(np.isfinite(high), high, 1.0)
+
+
+_OF_LEAVES = {"answer": 0.16, "grow": 0.1, "grow anywhere": 0.04}
+"""Another answer; a question in place of a leaf, or above any node, with an answer on its other side."""
+_OF_SPLITS = {"threshold": 0.4, "question": 0.1, "drop": 0.12, "swap": 0.02, "graft": 0.06}
+"""Another threshold, another question, one side in place of both, sides swapped, a subtree of another tree."""
+_KINDS = (*_OF_LEAVES, *_OF_SPLITS)
+_CUMULATED = np.cumsum([*_OF_LEAVES.values(), *_OF_SPLITS.values()][:-1])
+
+
+def _sure(n: int, choice: int) -> tuple[float, ...]:
+    other = math.log((1 - SURE) / max(n - 1, 1))
+    return tuple(math.log(SURE) if i == choice else other for i in range(n))

@@ -1,0 +1,237 @@
+"""Pruning by return: a tree loses nodes, those first that it earns most of its return without.
+
+Exact pruning (`DecisionTree.prune`) keeps every action. Pruning by return keeps what they bring. Step by step
+
+1. what none of the observed episodes needs goes: sides that nobody visits, splits that change no action there;
+2. else one cut is made (`sympol.search.prunings`), the one that costs least. All promising cuts play a few
+episodes, the
+   better half of them twice as many, and so on (`sympol.search.successive_halving`). While the tree is large,
+   a step makes several
+   cuts at once.
+
+What the step brings is then measured in other episodes, by which nothing was chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float32
+
+from ..trees import DecisionTree
+from .evaluators.base import Arena
+from .prunings import Cut, cut_at, cuts
+from .scores import Scores
+from .sequential_test import compare_trees
+from .successive_halving import race
+
+SINGLY = 31
+"""Nodes from which on down there is one cut a step."""
+TRIED = 3
+"""Cuts that are tested one after the other, where none may cost anything."""
+
+
+class Shrunk(NamedTuple):
+    """A tree on the way down, and what it earned in each of the episodes that nothing is chosen by."""
+
+    tree: DecisionTree
+    returns: Float32[np.ndarray, " episodes"]
+
+    @property
+    def mean(self) -> float:
+        """Of the returns."""
+        return float(self.returns.mean(dtype=np.float64))
+
+
+class Effort(NamedTuple):
+    """How much is played in a step."""
+
+    candidates: int
+    """Cuts that play, at most; those that change least."""
+    first: int
+    """Episodes of each at first."""
+    last: int
+    """Episodes of the best."""
+    watched: int
+    """Episodes that are observed."""
+
+
+COMPILED = Effort(candidates=64, first=32, last=512, watched=64)
+"""Where an arena plays millions of steps a second."""
+NATIVE = Effort(candidates=64, first=16, last=512, watched=64)
+"""Where it plays a hundred thousand."""
+HOSTED = Effort(candidates=24, first=16, last=64, watched=32)
+"""Where the host steps the environment."""
+
+Progress: TypeAlias = Callable[[Shrunk], object]
+
+
+def shrink(
+    tree: DecisionTree,
+    arena: Arena,
+    *,
+    max_nodes: int | None = None,
+    node_price: float = 0.0,
+    observations: Float32[np.ndarray, "batch features"] | None = None,
+    first_episode: int = 0,
+    effort: Effort | None = None,
+    progress: Progress | None = None,
+) -> Shrunk:
+    """The smallest part of a tree that earns as much; or a part of at most ``max_nodes``, whatever that costs.
+
+    Args:
+        tree: of any size; it loses nodes, and leaves where nodes went may get another answer.
+        arena: where it plays.
+        max_nodes: go on, even at a loss, until there are no more; and stop there, if nodes have no price.
+        node_price: the return that a node must be worth: go on as long as less is lost for each node removed.
+            At 0, and with no ``max_nodes``, go on as long as nothing is lost.
+        observations: all there can be, where they are listed: then the tree acts on no others.
+        first_episode: episodes from this number on are played, twice ``effort.last`` of them.
+        effort: how much is played; by default by the kind of arena.
+        progress: called with each tree on the way down.
+
+    Raises:
+        ValueError: a size below 1 or even, a price below 0, or a tree for other features or actions.
+    """
+    check_limit(max_nodes, node_price)
+    aim = 1 if max_nodes is None else max_nodes
+    way = _Way(arena, effort or effort_of(arena), aim, observations, first_episode)
+    now: Shrunk = way.begin(tree)
+    while True:
+        if progress is not None:
+            progress(now)
+        if max_nodes is not None and now.tree.n_nodes > max_nodes:
+            now = way.forced_step(now)
+            continue
+        may_go_on = max_nodes is None or node_price > 0
+        found = way.free_step(now, node_price) if may_go_on else None
+        if found is None:
+            return now
+        now = found
+
+
+def chain(
+    tree: DecisionTree,
+    arena: Arena,
+    *,
+    smallest: int = 1,
+    observations: Float32[np.ndarray, "batch features"] | None = None,
+    first_episode: int = 0,
+    effort: Effort | None = None,
+    progress: Progress | None = None,
+) -> list[Shrunk]:
+    """Ever smaller parts of a tree, from the tree itself, exactly pruned, down to ``smallest`` nodes or one leaf.
+
+    Arguments and errors are as of `shrink`.
+    """
+    check_limit(smallest, 0.0)
+    way = _Way(arena, effort or effort_of(arena), smallest, observations, first_episode)
+    found: list[Shrunk] = []
+    while not found or found[-1].tree.n_nodes > smallest:
+        found.append(way.forced_step(found[-1]) if found else way.begin(tree))
+        if progress is not None:
+            progress(found[-1])
+    return found
+
+
+def effort_of(arena: Arena) -> Effort:
+    """What is played by default in such an arena."""
+    return {"jax": COMPILED, "native": NATIVE}.get(arena.spec.backend, HOSTED)
+
+
+def check_limit(max_nodes: int | None, node_price: float) -> None:
+    """Raise ValueError unless a tree can have so many nodes, and nodes such a price."""
+    if max_nodes is not None and (max_nodes < 1 or max_nodes % 2 == 0):
+        raise ValueError(f"max_nodes must be odd and at least 1, got {max_nodes}")
+    if not 0 <= node_price < np.inf:
+        raise ValueError(f"node_price must be a return, 0 or more, got {node_price}")
+
+
+@dataclass
+class _Way:
+    """The way down."""
+
+    arena: Arena
+    effort: Effort
+    aim: int
+    observations: Float32[np.ndarray, "batch features"] | None
+    first_episode: int
+    race: Scores = field(init=False)
+    """What cuts are chosen by."""
+    judge: Scores = field(init=False)
+    """What they are then measured by."""
+
+    def __post_init__(self) -> None:
+        self.race = Scores(self.arena, self.first_episode)
+        self.judge = Scores(self.arena, self.first_episode + self.effort.last)
+
+    def begin(self, tree: DecisionTree) -> Shrunk:
+        return self._judged(tree.prune(observations=self.observations))
+
+    def forced_step(self, now: Shrunk) -> Shrunk:
+        """What costs least, whatever that is."""
+        seen = self._seen(now.tree)
+        if (idle := self._idle(now, seen)) is not None:
+            return idle
+        batch = max(1, (now.tree.n_nodes - max(self.aim, SINGLY)) // 8)
+        ranked = self._ranked(now.tree, cuts(now.tree, seen), batch)
+        while batch > 1:
+            some = ranked[:batch]
+            together = cut_at(now.tree, [cut for _, cut in some])
+            allowed = sum(max(0.0, loss) for loss, _ in some)
+            if compare_trees(self.race, now.tree, together, margin=allowed, **self._looks).holds:
+                return self._judged(together)
+            batch //= 2
+        return self._judged(cut_at(now.tree, [ranked[0][1]]))
+
+    def free_step(self, now: Shrunk, node_price: float) -> Shrunk | None:
+        """What costs no more than the price of the nodes that go; None where everything does."""
+        if now.tree.n_nodes == 1:
+            return None
+        seen = self._seen(now.tree)
+        if (idle := self._idle(now, seen)) is not None:
+            return idle
+        found = cuts(now.tree, seen)
+        for _, cut in self._ranked(now.tree, found, TRIED, node_price)[:TRIED]:
+            new = self._judged(cut_at(now.tree, [cut]))
+            margin = node_price * (now.tree.n_nodes - new.tree.n_nodes)
+            how = {**self._looks, "candidates": len(found)}
+            if compare_trees(self.judge, now.tree, new.tree, margin=margin, **how).holds:
+                return new
+        return None
+
+    @property
+    def _looks(self) -> dict[str, int]:
+        return {"first": self.effort.first, "last": self.effort.last}
+
+    def _seen(self, tree: DecisionTree) -> Float32[np.ndarray, "steps features"]:
+        return self.arena.observe(tree, range(self.first_episode, self.first_episode + self.effort.watched))
+
+    def _idle(self, now: Shrunk, seen: Float32[np.ndarray, "steps features"]) -> Shrunk | None:
+        """Without what acts no otherwise in the episodes observed; None if nothing is, or others need it."""
+        smaller = now.tree.prune(observations=seen)
+        if smaller.n_nodes == now.tree.n_nodes:
+            return None
+        new = self._judged(smaller)
+        return new if compare_trees(self.judge, now.tree, new.tree, **self._looks).holds else None
+
+    def _ranked(
+        self, tree: DecisionTree, some: Sequence[Cut], keep: int, node_price: float = 0.0
+    ) -> list[tuple[float, Cut]]:
+        """The cuts that cost least, with their losses, after rounds that halve their number until ``keep`` are left."""
+        some = some[: self.effort.candidates]
+
+        def key(loss: float, i: int) -> tuple[float, int]:
+            return loss - node_price * some[i].removed, -some[i].removed
+
+        others = [cut_at(tree, [cut]) for cut in some]
+        found = race(self.race, tree, others, keep=keep, **self._looks, key=key)
+        return [(loss, some[i]) for loss, i in found]
+
+    def _judged(self, tree: DecisionTree) -> Shrunk:
+        """Exactly pruned, with its returns."""
+        tree = tree.prune(observations=self.observations)
+        return Shrunk(tree, self.judge.of(tree, self.effort.last))

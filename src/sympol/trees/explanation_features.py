@@ -1,0 +1,129 @@
+"""What can change in an observation: single features, and groups as one; and which changes lead into which leaf."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from .boxes import Boxes, leaf_boxes
+from .floats import number, observation_batch, printable
+from .groups import Group
+from .name_lookup import position
+from .tree import DecisionTree
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float32, Int
+    from numpy.typing import ArrayLike
+
+
+@final
+@dataclass(frozen=True)
+class Unit:
+    """A feature that changes by itself, or a group, whose features change together."""
+
+    name: str
+    features: tuple[int, ...]
+    group: Group | None = None
+
+    def words(self, x: Float32[np.ndarray, " features"]) -> str:
+        """Say what it is in an observation: ``pole angle = 0.1``, ``front is lava``."""
+        if self.group is None:
+            return f"{printable(self.name)} = {number(x[self.features[0]])}"
+        return self.group.words(next(feature for feature in self.features if x[feature] == 1))
+
+    def change(self, x: Float32[np.ndarray, " features"], y: Float32[np.ndarray, " features"]) -> str:
+        """Say what it becomes: ``pole angle = 0.1 instead of 0``, ``front is lava instead of wall``."""
+        if self.group is None:
+            return f"{self.words(y)} instead of {number(x[self.features[0]])}"
+        was = next(i for i, feature in enumerate(self.features) if x[feature] == 1)
+        return f"{self.words(y)} instead of {printable(self.group.categories[was])}"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Around:
+    """An observation, and for each leaf what of it would have to change to end there.
+
+    A unit can stay as it is, or become what the space has: within the bounds, one-hot, whole where it is a whole
+    number. What the observation has itself is possible, too, even where the space does not have it.
+    """
+
+    x: Float32[np.ndarray, " features"]
+    """The observation, as the tree sees it."""
+    leaf: int
+    """Where it ends."""
+    units: tuple[Unit, ...]
+    leaves: Int[np.ndarray, " leaves"]
+    keeps: Bool[np.ndarray, "leaves units"]
+    """Whether each unit can stay as it is to end in each leaf."""
+    can: Bool[np.ndarray, "leaves units"]
+    """Whether some value that the space has of a unit leads to a leaf."""
+    possible: Boxes
+    """The observations of the space that end in each leaf."""
+
+    @property
+    def reachable(self) -> Bool[np.ndarray, " leaves"]:
+        """Whether the leaf can be reached by changing anything at all."""
+        return np.all(self.keeps | self.can, axis=1)
+
+
+def around(tree: DecisionTree, observation: ArrayLike) -> Around:
+    """Look around an observation.
+
+    Raises:
+        ValueError: if it has another shape, is not one-hot where it must be, or is not finite.
+        TypeError: if it does not hold numbers.
+    """
+    batch, single = observation_batch(observation, tree.n_features)
+    if not single:
+        raise ValueError(f"expected one observation [{tree.n_features}], got {len(batch)}")
+    leaf, x = int(np.atleast_1d(tree.apply(batch))[0]), batch[0]
+    if not np.isfinite(x).all():
+        wrong = int(np.argmin(np.isfinite(x)))
+        raise ValueError(
+            f"an observation to explain must be finite, got {x[wrong]} for {tree.feature_names[wrong]!r}"
+        )
+    asked = leaf_boxes(replace(tree, integers=()), bounds=False)
+    possible = leaf_boxes(tree, bounds=True)
+    units = units_of(tree)
+    return Around(
+        x,
+        leaf,
+        units,
+        np.flatnonzero(tree.is_leaf),
+        _by_unit(units, (asked.low <= x) & (x <= asked.high)),
+        _by_unit(units, possible.low <= possible.high),
+        possible,
+    )
+
+
+def units_of(tree: DecisionTree) -> tuple[Unit, ...]:
+    """Return the units of a tree, in the order of their first features."""
+    single = (Unit(name, (i,)) for i, name in enumerate(tree.feature_names) if i not in tree.group_of)
+    grouped = (Unit(group.name or "/".join(group.categories), group.features, group) for group in tree.groups)
+    return tuple(sorted((*single, *grouped), key=lambda unit: min(unit.features)))
+
+
+def positions(tree: DecisionTree, units: tuple[Unit, ...], named: Iterable[str | int]) -> set[int]:
+    """Return which units are meant by names of features and of groups, or by positions of features.
+
+    Raises:
+        ValueError: if there is no such feature or group, or several are called so.
+    """
+    of_feature = {feature: i for i, unit in enumerate(units) for feature in unit.features}
+    names = [*tree.feature_names, *(unit.name for unit in units if unit.group is not None)]
+    members = [*range(tree.n_features), *(unit.features[0] for unit in units if unit.group is not None)]
+    found = set()
+    for name in named:
+        feature = members[position(name, names, "feature")] if isinstance(name, str) else name
+        if feature not in of_feature:
+            raise ValueError(f"a feature must be from 0 to {tree.n_features - 1}, got {name!r}")
+        found.add(of_feature[feature])
+    return found
+
+
+def _by_unit(units: tuple[Unit, ...], of_features: np.ndarray) -> Bool[np.ndarray, "leaves units"]:
+    return np.stack([of_features[:, list(unit.features)].all(axis=1) for unit in units], axis=1)

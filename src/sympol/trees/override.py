@@ -1,0 +1,123 @@
+"""A rule on top of a tree: wherever a condition holds it is done, everywhere else what the tree does.
+
+    forced = force(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
+
+The condition is a property's ``when`` (`sympol.trees.verify.language`). Each of its cases becomes a chain of
+questions from the root down, where every other answer leads on to the tree as it was, without what the questions
+above have decided. So the rule adds few nodes to a small tree, and holds by construction: `verify` proves it.
+
+A number of the condition is exact, as in all properties. A tree cannot ask whether a number is NaN: where the
+condition says that a feature is greater than something, and nothing that it is less, NaN is greater, as it is
+everywhere in a tree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .boxes import Boxes, space
+from .edit import checked_threshold, leaf_tree, split_tree
+from .floats import next_below
+from .name_lookup import Action, leaf_value
+from .prune import prune
+from .reading import CATEGORY
+from .tree import DecisionTree
+from .verify.arrivals import sides
+from .verify.language import parse_condition
+from .verify.logic import boxes_of
+
+_MOST_QUESTIONS = 500
+"""Cases that have nothing to do with each other multiply; a rule of more questions is none that somebody reads."""
+
+
+class Edited(NamedTuple):
+    """A tree, and which of its nodes an edit made, so that they can be kept as they are when it is trained on."""
+
+    tree: DecisionTree
+    nodes: tuple[int, ...]
+
+
+def force(tree: DecisionTree, condition: str, action: Action) -> Edited:
+    """Return the tree that takes an action wherever a condition holds, and acts as before everywhere else.
+
+    Raises:
+        ValueError: the condition is none, names what the tree does not have, or can never hold; or there is no such
+            action.
+        TypeError: an action of another kind.
+    """
+    rule = _marked(leaf_tree(tree, leaf_value(tree.actions, action)), visits=1)
+    asked = parse_condition(condition, tree)
+    if not len(boxes_of(asked, space(tree, bounds=False))):
+        raise ValueError(f"no observation meets the condition {condition!r}: there is nothing to force")
+    # whole numbers are compared as numbers: the rule holds, and reads, as it was written
+    everything = space(replace(tree, integers=()), bounds=False)
+    boxes = boxes_of(asked, everything)
+    cases = [_Case(boxes[[i]], _questions(tree, boxes[[i]], everything)) for i in range(len(boxes))]
+    growing = _Growing(rule, _marked(tree, visits=0))
+    grown = prune(growing.grown(everything, cases), bounds=False, merge=False)
+    assert grown.n_node_samples is not None
+    # what leads to the rule's leaves is the rule: in the branches of the tree as it was there are none
+    nodes = tuple(np.flatnonzero(grown.n_node_samples).tolist())
+    return Edited(replace(grown, n_node_samples=None), nodes)
+
+
+class _Case(NamedTuple):
+    """One box of the condition, and what to ask to know whether an observation is in it."""
+
+    box: Boxes
+    questions: tuple[tuple[int, float], ...]
+
+
+def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
+    """Features and thresholds, feature by feature, on one side of each of which the whole box is."""
+    asked: list[tuple[int, float]] = []
+    low, high = box.low[0], box.high[0]
+    for group in tree.groups:
+        possible = [feature for feature in group.features if high[feature] >= 1]
+        asked_of = possible if len(possible) == 1 else [f for f in group.features if high[f] < 1]
+        asked += [(feature, CATEGORY) for feature in asked_of]
+    for feature in (i for i in range(tree.n_features) if i not in tree.group_of):
+        if low[feature] > everything.low[0, feature]:
+            below = float(next_below(low[feature])) + 0.0  # never -0.0, which is the same and reads worse
+            asked.append((feature, checked_threshold(below)))
+        if high[feature] < everything.high[0, feature]:
+            asked.append((feature, checked_threshold(float(high[feature]))))
+    return tuple(sorted(asked))
+
+
+@dataclass
+class _Growing:
+    """The work of putting a rule on top of a tree."""
+
+    rule: DecisionTree
+    tree: DecisionTree
+    n_questions: int = 0
+
+    def grown(self, region: Boxes, cases: list[_Case]) -> DecisionTree:
+        """The questions that a region leaves open, the rule where they are all answered, else the tree."""
+        while cases and cases[0].box.intersect(region).is_empty[0]:
+            cases = cases[1:]
+        if not cases:
+            return self.tree
+        for feature, threshold in cases[0].questions:
+            left, right = sides(region, np.array([feature]), np.array([threshold], np.float32))
+            if not left.is_empty[0] and not right.is_empty[0]:
+                self.n_questions += 1
+                if self.n_questions > _MOST_QUESTIONS:
+                    raise ValueError(
+                        f"the condition asks more than {_MOST_QUESTIONS} questions; force simpler ones, one after "
+                        "the other"
+                    )
+                return split_tree(feature, threshold, self.grown(left, cases), self.grown(right, cases))
+        return self.rule
+
+
+def _marked(tree: DecisionTree, *, visits: int) -> DecisionTree:
+    """The tree with a number at each leaf, and sums above, which pruning keeps."""
+    marks = np.where(tree.is_leaf, visits, 0)
+    for node in np.flatnonzero(~tree.is_leaf)[::-1]:
+        marks[node] = marks[tree.children_left[node]] + marks[tree.children_right[node]]
+    return replace(tree, n_node_samples=marks)

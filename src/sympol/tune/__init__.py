@@ -1,0 +1,1 @@
+"""Hyperparameter search: spaces, a study that several processes share, its report."""

@@ -1,0 +1,186 @@
+"""The teacher's road: its stages, what it goes on with, and that nothing is done twice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sympol import DecisionTree
+from sympol.distill import distill
+from sympol.envs.registry import resolve
+from sympol.search.evaluators.base import make_arena
+from sympol.search.evolve import Budget
+from sympol.search.front import distillation_method as road
+from sympol.search.front import finetune_schedule as polishing
+from sympol.search.front.candidates import Found, keep, kept
+from sympol.search.front.config import Plan
+from sympol.search.front.context import Site
+from sympol.search.front.distillation_method import player
+from sympol.search.front.finetune_schedule import APART, FAR, best_of, stages
+from sympol.search.front.front import Spent
+
+from ...distill.teachers import cartpole, pendulum
+from ..bandit import Bandit
+
+SPEC = resolve("CartPole-v1")
+
+
+def balanced(n: int, threshold: float = 0.0) -> DecisionTree:
+    """A tree of n nodes that goes where the pole falls."""
+    depth = (n + 1).bit_length() - 2
+    splits = 2**depth - 1
+    features, thresholds = (
+        np.full(splits, 3),
+        np.linspace(-1, 1, splits) + threshold if splits > 1 else [threshold],
+    )
+    values = np.eye(2)[np.arange(2**depth) % 2]
+    return DecisionTree.from_complete(
+        features, np.asarray(thresholds), values, actions=SPEC.actions, **SPEC.features.reading()
+    )
+
+
+@pytest.mark.parametrize(
+    ("max_nodes", "sizes"),
+    [
+        (63, [127, 63, 49, 39, 31, 23, 19, 15]),
+        (31, [63, 31, 23, 19, 15, 11, 9, 7]),
+        (9, [19, 9, 5, 3]),
+        (5, [11, 5, 3]),
+        (3, [7, 3]),
+        (1, []),
+    ],
+)
+def test_sizes_fall_step_by_step_as_long_as_there_is_a_question(max_nodes: int, sizes: list[int]):
+    made = stages(max_nodes)
+    assert [stage.nodes for stage in made] == sizes
+    assert [stage.next_nodes for stage in made] == [*sizes[1:], 1][: len(sizes)]
+
+
+@pytest.mark.parametrize(
+    ("max_nodes", "times"),
+    [
+        (127, [1, 4, 1, 1, 4, 0.5, 0.5, 0.5]),
+        (63, [1, 4, 1, 1, 4, 0.5, 0.5, 0.5]),
+        (31, [1, 4, 1, 1, 4, 0.5, 0.5, 0.5]),
+        (7, [1, 4, 1, 4]),
+        (3, [1, 4]),
+    ],
+)
+def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int, times: list[float]):
+    made = stages(max_nodes)
+    rest, spent = 1.0, []
+    for stage in made:
+        spent.append(rest * stage.part)
+        rest -= spent[-1]
+    assert rest == pytest.approx(0)
+    # what is asked for and half of it have four times as much as what is between them
+    assert spent == pytest.approx([time / sum(times) for time in times])
+    assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
+    assert made[0].first_episode == FAR
+    assert made[-1].first_episode + APART <= 2**31
+
+
+def test_what_goes_on_is_the_best_of_the_race():
+    truth = balanced(7)
+    arena = Bandit(truth)
+    trees = [balanced(7, shift) for shift in (1.0, 0.4, 0.01, -0.6, 2.0, 0.9)]
+    means = arena.returns_of(trees[2], range(128)).mean()
+    assert all(arena.returns_of(tree, range(128)).mean() < means for tree in trees if tree is not trees[2])
+    assert best_of(arena, trees, 1) == [trees[2]]
+    assert best_of(arena, [trees[0]] * 3, 2) == [trees[0]]  # each once
+    second = sorted(trees, key=lambda tree: -arena.returns_of(tree, range(128)).mean())[:2]
+    assert best_of(arena, trees, 2) == second
+
+
+def test_distillation_plays_in_the_arena_what_the_arena_plays():
+    arena = make_arena(SPEC, 3)
+    tree = balanced(7)
+    learnt, chosen = (player(arena)(tree, 5, 11, purpose) for purpose in ("distill", "validation"))
+    assert learnt.observations.shape == (learnt.lengths.sum(), 4)
+    assert chosen.observations.shape == (0, 4)  # nobody learns from it
+    assert learnt.returns.tolist() != chosen.returns.tolist()  # other episodes
+    again = player(make_arena(SPEC, 3))(tree, 5, 11, "distill")
+    np.testing.assert_array_equal(learnt.returns, again.returns)
+    assert learnt.returns.tolist() == learnt.lengths.tolist()  # CartPole pays one a step
+
+
+def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypatch):
+    plan = Plan("CartPole-v1", max_nodes=7, roads=("teacher",), budget="20M steps", teachers=1)
+    site = Site(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 1e9))
+    distilled = [Found(balanced(7), "teacher", Spent(1000, 50, 0, 2.0))]
+    keep(site.folder / "distilled", distilled, finished=True)
+    half_polished = balanced(7, 0.05)
+    so_far = Spent(400_000, 50, 0, 3.0)
+    sizes = [stage.nodes for stage in stages(7)]
+    keep(
+        site.folder / f"{sizes[0]}-nodes", [Found(half_polished, "teacher + polish", so_far)], finished=False
+    )
+    polished = []
+
+    def polish(trees, arena, *, budget, **options):
+        tree = trees[0]
+        polished.append((trees, budget, options["first_episode"]))
+        return replace(tree, threshold=tree.threshold + np.float32(0.01) * ~tree.is_leaf)
+
+    monkeypatch.setattr(polishing, "polish", polish)
+    road.taught(site)
+    first, budget, at = polished[0]
+    assert first == [half_polished]
+    assert budget.steps == (20e6 - 1050) * stages(7)[0].part - (so_far.env_steps - 1000)
+    assert at == FAR
+    for (trees, *_), size in zip(polished, sizes, strict=True):
+        assert all(tree.n_nodes <= size for tree in trees)
+    found, finished = kept(site.folder)
+    assert finished
+    assert found[0] == distilled[0]
+    costs = [one.spent.env_steps for one in found]
+    assert costs == sorted(costs)  # each step adds to the one before
+    assert {one.road for one in found} == {"teacher", "teacher + polish", "teacher + polish + shrink"}
+    road.taught(site)
+    assert len(polished) == len(sizes)
+
+
+def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, monkeypatch):
+    plan = Plan("CartPole-v1", max_nodes=7, roads=("teacher",), budget="20M steps", teachers=1)
+    site = Site(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 100.0))
+    made, teacher = [], cartpole()
+
+    def distil(policy, method, *, max_nodes, **options):
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        made.append((max_nodes, options["seed"]))
+        return balanced(15, 0.1 * len(made))
+
+    monkeypatch.setattr(road, "distill_policy", distil)
+    with pytest.raises(KeyboardInterrupt):
+        road._trees(site, teacher, teacher, [], Spent())
+    before, finished = kept(site.folder / "distilled")
+    assert len(before) == 2
+    assert not finished
+    assert made == [(31, site.seed), (31, site.seed + 1)]
+    monkeypatch.setattr(
+        road, "distill_policy", lambda *_, max_nodes, seed, **__: balanced(max_nodes, seed % 7)
+    )
+    found = road._trees(site, teacher, teacher, before, Spent())
+    assert found[:2] == before
+    assert [one.tree.n_nodes for one in found[2:]] == [8 * times - 1 for times in road.TIMES[2:]]
+    late = [replace(before[0], spent=Spent(seconds=71.0))]
+    assert road._trees(site, teacher, teacher, late, Spent()) == late  # no time for another
+
+
+@pytest.mark.slow
+def test_polishing_makes_more_of_a_distilled_tree_with_continuous_actions(tmp_path):
+    spec = resolve("Pendulum-v1")
+    options = {"num_iterations": 3, "episodes_per_iteration": 3, "num_validation_episodes": 3}
+    tree = distill(pendulum(), "dagger", max_nodes=7, **options)
+    plan = Plan("Pendulum-v1", max_nodes=7, roads=("teacher",), budget="10M steps", teachers=1)
+    site = Site(plan, spec, tmp_path, 0, tmp_path / "teacher" / "0", Budget(10e6, 1e9))
+    keep(site.folder / "distilled", [Found(tree, "teacher", Spent())], finished=True)
+    road.taught(site)
+    polished = [one.tree for one in kept(site.folder)[0] if one.road == "teacher + polish"]
+    better = [one for one in polished if one.n_nodes == tree.n_nodes][-1]  # at the limit
+    returns = make_arena(spec, 1000, "validation").play([tree, better], range(512)).returns.mean(axis=1)
+    assert returns[1] > returns[0] + 30

@@ -1,0 +1,249 @@
+"""A search from its plan to its front: for real, on CartPole, and what happens when it is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+import sympol
+import sympol.search.front.search
+from sympol import DecisionTree
+from sympol.bench.bench import Busy, only_one
+from sympol.cli.app import main
+from sympol.distill import Teacher
+from sympol.envs.registry import resolve
+from sympol.play import play
+from sympol.runs.about import RunError
+from sympol.search.front.candidates import FILE, Found, keep, kept
+from sympol.search.front.config import Plan
+from sympol.search.front.distillation_method import warn_of_poor_teacher
+from sympol.search.front.front import Front, Spent
+from sympol.search.front.search import _share, begin, search
+
+from ...tiny import refused
+
+SPEC = resolve("CartPole-v1")
+QUICK = Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="3M steps", islands=1, eval_episodes=20)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("front") / "quick"
+    return search(QUICK, folder), folder
+
+
+def test_a_front_is_found_and_each_point_is_better_than_the_smaller_ones(quick):
+    front, _ = quick
+    means = [point.mean for point in front.points]
+    assert means == sorted(means)
+    assert front.points[0].nodes == 1
+    assert front.points[-1].nodes <= 5
+    assert front.best().test.mean > 150  # a leaf earns nine
+    assert front.spent.env_steps >= 3_000_000
+    assert front.spent.selection_episodes > 0
+
+
+def test_returns_of_the_test_are_those_of_its_episodes(quick):
+    front, _ = quick
+    for point in front.points:
+        assert point.test.mean == play(point.tree, SPEC, 20, seed=1).returns.mean()
+
+
+def test_it_is_kept_and_read_again(quick):
+    front, folder = quick
+    assert Front.load(folder).points == front.points
+    assert search(QUICK, folder).points == front.points  # nothing is searched again
+
+
+def test_a_point_is_a_run_as_any_other(quick, capsys):
+    front, folder = quick
+    run = folder / "points" / f"{front.points[-1].nodes:03d}-nodes"
+    assert main(["show", str(run)]) == 0
+    assert "├─" in capsys.readouterr().out
+    assert DecisionTree.from_json((run / "policy.json").read_text()) == front.points[-1].tree
+
+
+def test_with_a_budget_in_steps_it_finds_the_same_front_again(quick, tmp_path):
+    front, _ = quick
+    again = search(QUICK, tmp_path / "again")
+    assert [point.tree for point in again.points] == [point.tree for point in front.points]
+
+
+@pytest.mark.slow
+def test_all_roads_lead_to_a_front(tmp_path):
+    plan = Plan(
+        "CartPole-v1", max_nodes=15, budget="6M steps", trainings=1, teachers=1, islands=1, eval_episodes=20
+    )
+    front = search(plan, tmp_path / "all")
+    roads = {candidate.road for candidate in front.candidates}
+    # what is distilled has at most twice the limit, and is polished before it loses anything
+    assert {"scratch + shrink", "teacher + polish + shrink", "scratch + teacher + evolve"} <= roads
+    assert front.best().test.mean > 450
+    assert front.spent.teacher_steps > 0
+    for run in ("scratch/0/run", "teacher/0/teacher"):
+        assert (tmp_path / "all" / run / "summary.json").exists()
+
+
+@pytest.mark.slow
+def test_a_killed_search_goes_on_where_it_was(tmp_path):
+    folder = tmp_path / "front"
+    plan = Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="160M steps")
+    command = [sys.executable, "-m", "sympol.cli.app", "pareto", "CartPole-v1", "--max-nodes", "5"]
+    command += ["--roads", "evolve", "--budget", "160M steps", "--workers", "1", "--out", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    file = folder / "evolve" / "0" / FILE
+    for _ in range(1200):
+        if file.exists() or process.poll() is not None:
+            break
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before, finished = kept(file.parent)
+    assert before
+    assert not finished
+    front = search(plan, folder)
+    after, finished = kept(file.parent)
+    assert finished
+    assert after[-1].spent.env_steps >= plan.steps * plan.share("evolve") / plan.islands
+    assert after[-1].spent.env_steps < 1.5 * plan.steps * plan.share("evolve") / plan.islands
+    assert front.best().test.mean > 400
+
+
+def test_a_road_without_its_library_is_refused_before_anything_is_done(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        sympol.search.front.search, "LIBRARIES", {"scikit-learn": "sklearn", "pycma": "no_such_module"}
+    )
+    with pytest.raises(RunError, match=r"needs pycma, not installed here: pip install 'sympol\[bench\]'"):
+        begin(Plan("CartPole-v1"), tmp_path / "front")
+    assert not (tmp_path / "front").exists()
+    begin(Plan("CartPole-v1", roads=("scratch", "evolve")), tmp_path / "front")
+
+
+def test_another_plan_or_another_folder_is_refused(quick, tmp_path):
+    _, folder = quick
+    with pytest.raises(RunError, match=r"holds a search with max_nodes 5, not 7.*--overwrite"):
+        begin(
+            Plan(
+                "CartPole-v1", max_nodes=7, roads=("evolve",), budget="3M steps", islands=1, eval_episodes=20
+            ),
+            folder,
+        )
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(RunError, match="is no search"):
+        begin(QUICK, tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_two_searches_do_not_share_a_folder(tmp_path):
+    begin(QUICK, tmp_path / "front")
+    with (
+        only_one(tmp_path / "front"),
+        pytest.raises(Busy, match=r"another search works in .*choose another --out"),
+    ):
+        search(QUICK, tmp_path / "front")
+
+
+def test_what_a_road_found_is_kept_to_the_bit(tmp_path):
+    tree = DecisionTree.from_complete(
+        np.array([2]), np.array([0.1]), np.array([[1.0, 0.0], [0.0, 1.0]]),
+        actions=SPEC.actions, **SPEC.features.reading(),
+    )  # fmt: skip
+    found = [Found(tree, "scratch", Spent(3, 4, 5, 6.5))]
+    keep(tmp_path, found, finished=False)
+    assert kept(tmp_path) == (found, False)
+    assert kept(tmp_path / "nowhere") == ([], False)
+    content = json.loads((tmp_path / FILE).read_text())
+    content["found"][0]["tree"]["nodes"] = "gone"
+    del content["found"][0]["road"]
+    (tmp_path / FILE).write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"cannot be read.*search again"):
+        kept(tmp_path)
+
+
+def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
+    poor = Teacher.from_callable(lambda x: 1, SPEC)
+    with pytest.warns(UserWarning, match=r"earns 9\.\d, less than a random policy does, \d\d\.\d"):
+        warn_of_poor_teacher(poor)
+    good = Teacher.from_callable(lambda x: int(x[2] + x[3] > 0), SPEC)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_poor_teacher(good)
+
+
+@pytest.mark.slow
+def test_a_poor_teacher_is_told_of_where_the_search_was_asked_for(tmp_path):
+    lazy = sympol.PPO("mlp", "CartPole-v1", total_timesteps=8192, learning_rate_actor=1e-12)
+    lazy.learn(progress_bar=False).save(tmp_path / "lazy")
+    plan = Plan(
+        "CartPole-v1",
+        max_nodes=3,
+        roads=("teacher",),
+        budget="2M steps",
+        teachers=1,
+        teacher=str(tmp_path / "lazy"),
+    )
+    with pytest.warns(UserWarning, match=r"teacher: the teacher earns .*, less than a random policy does"):
+        search(plan, tmp_path / "front", workers=2)
+
+
+def test_what_a_road_had_taken_is_not_taken_from_it_again():
+    plan = Plan("CartPole-v1", roads=("scratch", "evolve"), budget="100s")
+    whole = _share(plan, "evolve", 30.0).seconds  # scratch took 30
+    assert whole == pytest.approx(60)  # ten are for choosing
+    assert _share(plan, "scratch", 0.0).seconds == pytest.approx(100 * plan.share("scratch"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--max-nodes", "8"], "max_nodes must be odd"),
+        (["--budget", "soon"], "budget must be a time"),
+        (["--workers", "-1"], "--workers must be at least 1"),
+        (["--teacher", "nowhere"], "there is no teacher 'nowhere'"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words, tmp_path, capsys):
+    assert words in refused(capsys, "pareto", "CartPole-v1", "--out", tmp_path / "front", *arguments)
+    assert not (tmp_path / "front").exists()
+
+
+@pytest.mark.slow
+def test_the_command_shows_the_front(tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "sympol.cli.app",
+        "pareto",
+        "CartPole-v1",
+        "--max-nodes",
+        "3",
+        "--roads",
+        "evolve",
+    ]
+    command += [
+        "--budget",
+        "500k steps",
+        "--islands",
+        "1",
+        "--eval-episodes",
+        "5",
+        "--out",
+        str(tmp_path / "f"),
+    ]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "80"}
+    )
+    assert done.returncode == 0, done.stderr
+    assert "validation ± 95 %" in done.stdout
+    assert f"sympol show {tmp_path}" in done.stdout
+    assert (tmp_path / "f" / "front.svg").stat().st_size > 1000
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
+    assert json.loads(done.stdout)["environment"] == "CartPole-v1"
