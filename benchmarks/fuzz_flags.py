@@ -10,7 +10,7 @@ from random import Random
 from typing import Any, ClassVar, Literal, get_args, get_origin
 
 from sympol.algorithms.config import Config
-from sympol.cli.app import arguments, diff, explain, export, pareto, report, verify
+from sympol.cli import arguments, diff, explain, export, pareto, report, verify
 
 from .fuzz_commands import Box
 from .fuzz_inputs import as_argument, changed_list, changed_text

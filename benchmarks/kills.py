@@ -112,7 +112,7 @@ class Kind:
         self.counts["resumes"] += resumes
         words = ["resume", run.name] if resumes else ["train", *self.words, "--run-dir", run.name]
         return subprocess.Popen(
-            [sys.executable, "-m", "sympol.cli.app", *words],
+            [sys.executable, "-m", "sympol", *words],
             cwd=run.parent,
             env=self.environment,
             stdin=subprocess.DEVNULL,

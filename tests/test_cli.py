@@ -138,7 +138,7 @@ def test_show(run, capsys):
 
 def test_a_terminal_without_unicode_still_shows_the_tree(run):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    command = [sys.executable, "-m", "sympol.cli.app", "show", str(run)]
+    command = [sys.executable, "-m", "sympol", "show", str(run)]
     done = subprocess.run(command, check=True, capture_output=True, env=environment)
     assert b" <= " in done.stdout
     assert b"\\u" not in done.stdout

@@ -91,7 +91,7 @@ def test_consoles_print_what_they_are_given_as_text(capfd):
 def in_c_locale(*words: object, folder: Path) -> subprocess.CompletedProcess[bytes]:
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("LC_", "LANG"))}
     environment |= {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": ""}
-    command = [sys.executable, "-m", "sympol.cli.app", *map(str, words)]
+    command = [sys.executable, "-m", "sympol", *map(str, words)]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=False)
 
 

@@ -88,7 +88,7 @@ def start(*arguments: str | Path, folder: Path, **variables: str) -> subprocess.
         "SYMPOL_CACHE_DIR": "",
         **variables,
     }
-    command = [sys.executable, "-m", "sympol.cli.app", *map(str, arguments)]
+    command = [sys.executable, "-m", "sympol", *map(str, arguments)]
     pipes: dict[str, Any] = {
         "stdout": subprocess.PIPE,
         "stderr": subprocess.PIPE,

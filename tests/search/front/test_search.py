@@ -96,7 +96,7 @@ def test_all_roads_lead_to_a_front(tmp_path):
 def test_a_killed_search_goes_on_where_it_was(tmp_path):
     folder = tmp_path / "front"
     plan = Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="160M steps")
-    command = [sys.executable, "-m", "sympol.cli.app", "pareto", "CartPole-v1", "--max-nodes", "5"]
+    command = [sys.executable, "-m", "sympol", "pareto", "CartPole-v1", "--max-nodes", "5"]
     command += ["--roads", "evolve", "--budget", "160M steps", "--workers", "1", "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     file = folder / "evolve" / "0" / FILE
