@@ -12,16 +12,15 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from .algorithms.bounds_check import kept_bounds, warn_of_bounds
 from .algorithms.config import Config
 from .algorithms.inference import outputs
 from .algorithms.knobs import whole
+from .algorithms.normalization import unbroken_bounds, warn_of_bounds
 from .algorithms.memory import require_memory
 from .algorithms.metrics import metrics_of, require_finite
 from .algorithms.presets import DEFAULT, preset
 from .algorithms.state import TrainState
-from .algorithms.train import make_trainer, stops
-from .algorithms.trainer import Trainer
+from .algorithms.trainer import Trainer, make_trainer, stops
 from .algorithms.warm_start import Start, start_of
 from .compilation import use_disk_cache
 from .envs.doubts import warn_of_cut
@@ -332,7 +331,7 @@ class Agent(abc.ABC):
 
     def _reading(self, state: TrainState) -> dict[str, Any]:
         features = self.spec.features
-        low, high = kept_bounds(features, state)
+        low, high = unbroken_bounds(features, state)
         actions = self._actions(self._actor(state))
         return {"actions": actions, **features.reading(), "feature_low": low, "feature_high": high}
 
