@@ -23,7 +23,7 @@ from .edit import checked_threshold, leaf_tree, split_tree
 from .floats import next_below
 from .name_lookup import Action, leaf_value
 from .prune import prune
-from .reading import CATEGORY
+from .text_parser import CATEGORY
 from .tree import DecisionTree
 from .verify.conditions import boxes_of, split_boxes
 from .verify.grammar import parse_condition

@@ -291,8 +291,8 @@ class DecisionTree:
     def from_text(
         cls, text: str, *, like: DecisionTree | None = None, actions: ActionSpec | None = None, **space: Any
     ) -> DecisionTree:
-        """Read a tree that `to_text` wrote, or somebody by hand: see `sympol.trees.read_text`."""
-        from .read_text import from_text
+        """Read a tree that `to_text` wrote, or somebody by hand: see `sympol.trees.text_parser`."""
+        from .text_parser import from_text
 
         return from_text(text, like=like, actions=actions, **space)
 
