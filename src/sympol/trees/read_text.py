@@ -38,12 +38,12 @@ import numpy as np
 
 from ..bounded import LARGEST_BY_HAND, parse_toml
 from .actions import ActionSpec
+from .base import BaseTree, TreeT
 from .edit import leaf_tree
 from .floats import brief
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .reading import Asked, read_answer, read_question
 from .serialize import FORMAT, VERSION, from_json, read_actions
-from .tree import DecisionTree
 
 FENCE = "+++"
 _LABELLED = re.compile(r"([ │├└─|+`\\-]*)(yes|no):(.*)", re.IGNORECASE)
@@ -72,8 +72,13 @@ class _Line:
 
 
 def from_text(
-    text: str, *, like: DecisionTree | None = None, actions: ActionSpec | None = None, **space: Any
-) -> DecisionTree:
+    text: str,
+    kind: type[TreeT],
+    *,
+    like: TreeT | None = None,
+    actions: ActionSpec | None = None,
+    **space: Any,
+) -> TreeT:
     """Read a tree; it acts on every observation as the tree did that `to_text` wrote, and has the same thresholds.
 
     What a text does not hold is lost: visits, the leaves' values beyond the actions (see
@@ -81,6 +86,7 @@ def from_text(
 
     Args:
         text: The listing, perhaps with a header.
+        kind: The class of the tree.
         like: A tree of the same features and actions, where the text has no header.
         actions: What actions there are, where there is no such tree either.
         space: What observations there are, with ``actions``: feature_names and all else that
@@ -90,7 +96,7 @@ def from_text(
         ValueError: the text is no tree; the line is named. Or nothing says which features and actions there are.
     """
     header = read_header(text)
-    known = _space(header.content, like, actions, space)
+    known = _space(header.content, kind, like, actions, space)
     root = _outline(header)
     nodes: list[_Line] = []
     asked: list[Asked | None] = []
@@ -130,17 +136,21 @@ def read_header(text: str) -> Header:
 
 
 def _space(
-    header: dict[str, Any], like: DecisionTree | None, actions: ActionSpec | None, space: dict[str, Any]
-) -> DecisionTree:
+    header: dict[str, Any],
+    kind: type[TreeT],
+    like: TreeT | None,
+    actions: ActionSpec | None,
+    space: dict[str, Any],
+) -> TreeT:
     """A tree of one leaf that knows features and actions."""
     meta = _meta(header)
     if "features" in header or "actions" in header:
         if "features" not in header or "actions" not in header:
             raise ValueError("the header must say both features and actions, or only env")
-        return _declared(header, meta)
+        return _declared(header, meta, kind)
     if actions is not None:
         nothing = np.zeros(0)
-        known = DecisionTree.from_complete(
+        known = kind.from_complete(
             nothing.astype(int), nothing, np.zeros((1, actions.n_outputs)), actions=actions, **space
         )
     elif like is not None:
@@ -165,7 +175,7 @@ def _meta(header: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"the header: {error}") from error
 
 
-def _declared(header: dict[str, Any], meta: dict[str, Any]) -> DecisionTree:
+def _declared(header: dict[str, Any], meta: dict[str, Any], kind: type[TreeT]) -> TreeT:
     try:
         given = header["actions"]
         if isinstance(given, list):
@@ -182,7 +192,7 @@ def _declared(header: dict[str, Any], meta: dict[str, Any]) -> DecisionTree:
         }
         if "groups" in header:
             document["groups"] = [{"cell": None, **g} if isinstance(g, dict) else g for g in header["groups"]]
-        return from_json(json.dumps(_finite(document), allow_nan=False))
+        return from_json(json.dumps(_finite(document), allow_nan=False), kind)
     except (ValueError, TypeError) as error:
         raise ValueError(f"the header: {error}") from error
 
@@ -250,7 +260,7 @@ def _all(root: _Line) -> Iterator[_Line]:
         awaited += line.below.values()
 
 
-def _answer(known: DecisionTree, line: _Line) -> np.ndarray:
+def _answer(known: BaseTree, line: _Line) -> np.ndarray:
     if line.below:
         return np.zeros(known.actions.n_outputs, np.float32)
     try:
@@ -261,7 +271,7 @@ def _answer(known: DecisionTree, line: _Line) -> np.ndarray:
         raise
 
 
-def _packed(known: DecisionTree, asked: list[Asked | None], values: list[np.ndarray]) -> DecisionTree:
+def _packed(known: TreeT, asked: list[Asked | None], values: list[np.ndarray]) -> TreeT:
     """The tree of these nodes, which are in preorder."""
     right = np.full(len(asked), NO_CHILD)
     roots: list[int] = []

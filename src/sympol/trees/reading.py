@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from .actions import BoxActions, DiscreteActions, MultiDiscreteActions
+from .base import BaseTree
 from .edit import checked_threshold
 from .floats import brief, next_below, printable
 from .name_lookup import did_you_mean, leaf_value, position
 from .regions import Way
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,7 +31,7 @@ class Asked(NamedTuple):
     yes: Way
 
 
-def read_question(tree: DecisionTree, words: str) -> Asked:
+def read_question(tree: BaseTree, words: str) -> Asked:
     """Read what an inner node asks.
 
     Raises:
@@ -71,7 +71,7 @@ def compare(feature: int, sign: str, number: float) -> Asked:
     return Asked(feature, threshold, "left" if sign in ("≤", "<=", "<") else "right")
 
 
-def read_answer(tree: DecisionTree, words: str) -> Float32[np.ndarray, " outputs"]:
+def read_answer(tree: BaseTree, words: str) -> Float32[np.ndarray, " outputs"]:
     """Read what a leaf does; return what it holds.
 
     Raises:
@@ -83,13 +83,13 @@ def read_answer(tree: DecisionTree, words: str) -> Float32[np.ndarray, " outputs
         return leaf_value(actions, actions.start + position(words, names, "action"))
     found = _parts(actions, words)
     if len(found) != 1:
-        example = ", ".join(actions.words(actions.decide(tree.value[:1])[0]))
+        example = ", ".join(actions.words(tree.leaf_actions[0]))
         how = f"can be read in {len(found)} ways" if found else f"is no action, which is such as {example!r}"
         raise ValueError(f"{brief(words)} {how}")
     return leaf_value(actions, found[0])
 
 
-def _categories(tree: DecisionTree, words: str, *, negated: bool) -> Iterator[Asked]:
+def _categories(tree: BaseTree, words: str, *, negated: bool) -> Iterator[Asked]:
     for group in tree.groups:
         for feature in group.features:
             if group.words(feature, negated=negated).strip() == words:

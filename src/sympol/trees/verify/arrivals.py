@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..base import BaseTree
 from ..boxes import Boxes, check_size
 from ..floats import next_above
-from ..tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -25,7 +25,7 @@ class Arrivals(NamedTuple):
     """Which of the boxes that were sent each is a part of."""
 
 
-def send(boxes: Boxes, tree: DecisionTree) -> Arrivals:
+def send(boxes: Boxes, tree: BaseTree) -> Arrivals:
     """Part boxes by the leaves of a tree in which their observations end.
 
     All parts go down together, level by level, and those that are empty no further: the time is in proportion to
@@ -68,11 +68,11 @@ def sides(boxes: Boxes, feature: np.ndarray, threshold: np.ndarray) -> tuple[Box
     return replace(boxes, high=high, nan=nan), replace(boxes, low=low)
 
 
-def numbers(tree: DecisionTree, leaf: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n components"]:
+def numbers(tree: BaseTree, leaf: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n components"]:
     """Return the deterministic actions of leaves, a number a component, as claims speak of them."""
-    return tree.actions.decide(tree.value).reshape(tree.n_nodes, -1)[leaf].astype(np.float64)
+    return tree.leaf_actions.reshape(tree.n_nodes, -1)[leaf].astype(np.float64)
 
 
-def acted(tree: DecisionTree, observations: Sequence[np.ndarray]) -> Float[np.ndarray, "n components"]:
+def acted(tree: BaseTree, observations: Sequence[np.ndarray]) -> Float[np.ndarray, "n components"]:
     """Return what a tree does in observations, in the same form, by asking the tree itself."""
     return np.reshape(tree.predict(np.stack(observations)), (len(observations), -1)).astype(np.float64)

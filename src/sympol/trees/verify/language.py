@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from typing import TypeVar, final
 
 from ...bounded import DEEPEST
-from ..tree import DecisionTree
+from ..base import BaseTree
 from .logic import ALWAYS, All, Any, Condition, Not
 from .scanner import Scanner
 from .terms import Monotone, about_actions, about_features
@@ -49,7 +49,7 @@ class Rule:
     claim: Condition | Monotone
 
 
-def parse_rule(text: str, tree: DecisionTree) -> Rule:
+def parse_rule(text: str, tree: BaseTree) -> Rule:
     """Read a rule about a tree's features and actions.
 
     Raises:
@@ -58,7 +58,7 @@ def parse_rule(text: str, tree: DecisionTree) -> Rule:
     return _read(text, lambda scanner: _rule(scanner, tree))
 
 
-def parse_condition(text: str, tree: DecisionTree) -> Condition:
+def parse_condition(text: str, tree: BaseTree) -> Condition:
     """Read a condition on a tree's features alone: what stands behind ``when``.
 
     Raises:
@@ -75,7 +75,7 @@ def _read(text: str, read: Callable[[Scanner], _T]) -> _T:
     return found
 
 
-def _rule(scanner: Scanner, tree: DecisionTree) -> Rule:
+def _rule(scanner: Scanner, tree: BaseTree) -> Rule:
     def condition() -> Condition:
         return _joined(scanner, lambda: about_features(scanner, tree))
 
@@ -88,7 +88,7 @@ def _rule(scanner: Scanner, tree: DecisionTree) -> Rule:
     return Rule(condition() if scanner.word("when") else ALWAYS, claim)
 
 
-def _claim(scanner: Scanner, tree: DecisionTree) -> Condition | Monotone:
+def _claim(scanner: Scanner, tree: BaseTree) -> Condition | Monotone:
     found: list[Monotone] = []
 
     def term() -> Condition:

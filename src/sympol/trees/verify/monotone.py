@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..base import BaseTree
 from ..boxes import Boxes
 from ..simplest_float import readable
-from ..tree import DecisionTree
 from .arrivals import Arrivals, acted, numbers
 from .terms import Monotone
 from .verdict import simplest
@@ -25,7 +25,7 @@ _AT_ONCE = 50_000
 
 
 def pair_against(
-    tree: DecisionTree, claim: Monotone, ends: Arrivals
+    tree: BaseTree, claim: Monotone, ends: Arrivals
 ) -> tuple[np.ndarray, list[Float32[np.ndarray, " features"]]]:
     """Return the leaves between which a claim is not true, and two observations that show it, if there are any.
 
@@ -44,7 +44,7 @@ def pair_against(
     return found.leaves, [x, y]
 
 
-def is_against(tree: DecisionTree, claim: Monotone, pair: list[Float32[np.ndarray, " features"]]) -> bool:
+def is_against(tree: BaseTree, claim: Monotone, pair: list[Float32[np.ndarray, " features"]]) -> bool:
     """Whether two observations show that a claim is not true."""
     x, y = pair
     same = np.array_equal(np.delete(x, claim.feature), np.delete(y, claim.feature), equal_nan=True)
@@ -63,7 +63,7 @@ class _Pairs(NamedTuple):
     simplest: tuple[int, int] | None
 
 
-def _pairs(tree: DecisionTree, claim: Monotone, ends: Arrivals) -> _Pairs:
+def _pairs(tree: BaseTree, claim: Monotone, ends: Arrivals) -> _Pairs:
     action = _rising(claim) * numbers(tree, ends.leaf)[:, claim.component]
     low, high = ends.boxes.low[:, claim.feature], ends.boxes.high[:, claim.feature]
     involved = np.zeros(len(action), bool)

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..actions import BoxActions
+from ..base import BaseTree
 from ..boxes import space
-from ..tree import DecisionTree
 from .arrivals import numbers, send
 from .language import parse_condition
 from .logic import ALWAYS, boxes_of
 
 
-def possible_actions(tree: DecisionTree, when: str = "", *, within_bounds: bool = True) -> np.ndarray:
+def possible_actions(tree: BaseTree, when: str = "", *, within_bounds: bool = True) -> np.ndarray:
     """Return every action that some observation gets, in order, each as `DecisionTree.predict` returns it.
 
     Args:
@@ -26,11 +26,11 @@ def possible_actions(tree: DecisionTree, when: str = "", *, within_bounds: bool 
         ValueError: if the condition is none.
     """
     leaf = _leaves(tree, when, within_bounds)
-    return np.unique(tree.actions.decide(tree.value[leaf]), axis=0)
+    return np.unique(tree.leaf_actions[leaf], axis=0)
 
 
 def action_range(
-    tree: DecisionTree, when: str = "", *, within_bounds: bool = True
+    tree: BaseTree, when: str = "", *, within_bounds: bool = True
 ) -> Mapping[str, tuple[float, float]]:
     """Return the least and the greatest that each number of a continuous action becomes; both are reached.
 
@@ -50,6 +50,6 @@ def action_range(
     return {name: (low, high) for name, low, high in ends}
 
 
-def _leaves(tree: DecisionTree, when: str, within_bounds: bool) -> np.ndarray:
+def _leaves(tree: BaseTree, when: str, within_bounds: bool) -> np.ndarray:
     condition = parse_condition(when, tree) if when else ALWAYS
     return np.unique(send(boxes_of(condition, space(tree, bounds=within_bounds)), tree).leaf)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..base import BaseTree
 from ..boxes import space
-from ..tree import DecisionTree
 from .arrivals import Arrivals, acted, numbers, send
 from .language import Rule, parse_rule
 from .logic import Condition, boxes_of, satisfied
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float32
 
 
-def verify(tree: DecisionTree, said: Iterable[Said]) -> tuple[Verdict, ...]:
+def verify(tree: BaseTree, said: Iterable[Said]) -> tuple[Verdict, ...]:
     """Prove properties, or find an observation against each.
 
     Args:
@@ -36,7 +36,7 @@ def verify(tree: DecisionTree, said: Iterable[Said]) -> tuple[Verdict, ...]:
     return tuple(_prove(tree, one, rule) for one, rule in asked)
 
 
-def _parsed(one: Property, tree: DecisionTree) -> Rule:
+def _parsed(one: Property, tree: BaseTree) -> Rule:
     try:
         return parse_rule(one.rule, tree)
     except ValueError as error:
@@ -44,7 +44,7 @@ def _parsed(one: Property, tree: DecisionTree) -> Rule:
         raise ValueError(f"{named}{error}") from None
 
 
-def _prove(tree: DecisionTree, one: Property, rule: Rule) -> Verdict:
+def _prove(tree: BaseTree, one: Property, rule: Rule) -> Verdict:
     start = space(tree, bounds=one.within_bounds)
     where = boxes_of(rule.condition, start)
     if not len(where):
@@ -73,7 +73,7 @@ def _prove(tree: DecisionTree, one: Property, rule: Rule) -> Verdict:
 
 
 def _observation_against(
-    tree: DecisionTree, claim: Condition, ends: Arrivals
+    tree: BaseTree, claim: Condition, ends: Arrivals
 ) -> tuple[np.ndarray, list[Float32[np.ndarray, " features"]]]:
     """The leaves of which a claim is not true, and the simplest observation that ends there, if there is any."""
     wrong = satisfied(claim, numbers(tree, ends.leaf), negated=True)

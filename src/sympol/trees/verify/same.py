@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..actions import BoxActions, DiscreteActions, MultiDiscreteActions
+from ..base import BaseTree
 from ..boxes import Boxes, space
 from ..floats import printable
-from ..tree import DecisionTree
 from .arrivals import acted, numbers, send
 from .verdict import Example, Verdict, action_words, observation_words, simplest
 
 
-def equal(tree: DecisionTree, other: DecisionTree, *, within_bounds: bool = True) -> Verdict:
+def equal(tree: BaseTree, other: BaseTree, *, within_bounds: bool = True) -> Verdict:
     """Prove that two trees act the same on every observation, or find one on which they do not.
 
     Both are walked at once: what ends in a leaf of the one is sent down the other. Observations are those that
@@ -51,7 +51,7 @@ def equal(tree: DecisionTree, other: DecisionTree, *, within_bounds: bool = True
     )
 
 
-def _require_same_kind(tree: DecisionTree, other: DecisionTree) -> None:
+def _require_same_kind(tree: BaseTree, other: BaseTree) -> None:
     if tree.feature_names != other.feature_names:
         pairs = zip(tree.feature_names, other.feature_names, strict=False)
         different = [f"{printable(a)!r} and {printable(b)!r}" for a, b in pairs if a != b]
@@ -68,7 +68,7 @@ def _require_same_kind(tree: DecisionTree, other: DecisionTree) -> None:
         raise ValueError(f"the trees have other actions: {' and '.join(kinds)}; there is nothing to compare")
 
 
-def _kind(tree: DecisionTree) -> tuple[object, ...]:
+def _kind(tree: BaseTree) -> tuple[object, ...]:
     match tree.actions:
         case BoxActions(shape=shape):
             return ("numbers in the shape", *shape)
@@ -78,7 +78,7 @@ def _kind(tree: DecisionTree) -> tuple[object, ...]:
             return (nvec, "options from number", start)
 
 
-def _common_space(tree: DecisionTree, other: DecisionTree, within_bounds: bool) -> Boxes:
+def _common_space(tree: BaseTree, other: BaseTree, within_bounds: bool) -> Boxes:
     one, two = space(tree, bounds=within_bounds), space(other, bounds=within_bounds)
     grouped = {feature for group in (*tree.groups, *other.groups) for feature in group.features}
     integers = tuple(sorted({*tree.integers, *other.integers} - grouped))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from ..base import BaseTree
 from ..boxes import Boxes, leaf_boxes, space
 from ..floats import next_below, number, printable
-from ..tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Int
@@ -28,12 +28,12 @@ class Taken:
     """What is true of every observation that gets it, in words; empty where that is nothing."""
 
 
-def taken(tree: DecisionTree, *, within_bounds: bool = True) -> tuple[Taken, ...]:
+def taken(tree: BaseTree, *, within_bounds: bool = True) -> tuple[Taken, ...]:
     """Return where each action is taken, those of most leaves first."""
     boxes, leaves = leaf_boxes(tree, bounds=within_bounds), np.flatnonzero(tree.is_leaf)
     reached = ~boxes.is_empty
     boxes, leaves = boxes[reached], leaves[reached]
-    actions, which = np.unique(tree.actions.decide(tree.value[leaves]), axis=0, return_inverse=True)
+    actions, which = np.unique(tree.leaf_actions[leaves], axis=0, return_inverse=True)
     start = space(tree, bounds=within_bounds)
     found = [
         Taken(
@@ -46,7 +46,7 @@ def taken(tree: DecisionTree, *, within_bounds: bool = True) -> tuple[Taken, ...
     return tuple(sorted(found, key=lambda one: -len(one.leaves)))
 
 
-def _hull_words(tree: DecisionTree, boxes: Boxes, start: Boxes) -> str:
+def _hull_words(tree: BaseTree, boxes: Boxes, start: Boxes) -> str:
     """The smallest box around boxes, in words; silent where it is as large as the space."""
     low, high = boxes.low.min(axis=0), boxes.high.max(axis=0)
     phrases = []

@@ -8,9 +8,9 @@ from decimal import Decimal
 from typing import final
 
 from ..actions import ActionSpec, BoxActions, DiscreteActions
+from ..base import BaseTree
 from ..floats import printable
 from ..groups import Group
-from ..tree import DecisionTree
 from .logic import All, Any, Between, Condition, Not
 from .names import without_units
 from .numbers import interval
@@ -35,7 +35,7 @@ def component_names(actions: ActionSpec) -> tuple[str, ...]:
     return (ACTION,) if isinstance(actions, DiscreteActions) else actions.names
 
 
-def about_features(scanner: Scanner, tree: DecisionTree) -> Condition:
+def about_features(scanner: Scanner, tree: BaseTree) -> Condition:
     """Read one term of a condition. Raises ValueError if it is none."""
     groups = tuple(group.name for group in tree.groups if group.name)
     names = (*tree.feature_names, *groups)
@@ -61,7 +61,7 @@ def about_features(scanner: Scanner, tree: DecisionTree) -> Condition:
     scanner.fail(f"expected a comparison of {printable(name)!r}, such as '> 0.1' or 'between 0 and 1'")
 
 
-def about_actions(scanner: Scanner, tree: DecisionTree) -> Condition | Monotone:
+def about_actions(scanner: Scanner, tree: BaseTree) -> Condition | Monotone:
     """Read one term of a claim. Raises ValueError if it is none."""
     actions, names = tree.actions, component_names(tree.actions)
     name = _name(scanner, names)
@@ -86,7 +86,7 @@ def about_actions(scanner: Scanner, tree: DecisionTree) -> Condition | Monotone:
     return _monotone(scanner, tree, component, direction)
 
 
-def _about_options(scanner: Scanner, tree: DecisionTree, component: int) -> Condition | Monotone:
+def _about_options(scanner: Scanner, tree: BaseTree, component: int) -> Condition | Monotone:
     actions = tree.actions
     assert not isinstance(actions, BoxActions)
     discrete = isinstance(actions, DiscreteActions)
@@ -115,7 +115,7 @@ def _about_options(scanner: Scanner, tree: DecisionTree, component: int) -> Cond
     return Not(chosen) if {"never", "not"} & said else chosen
 
 
-def _monotone(scanner: Scanner, tree: DecisionTree, component: int, direction: str) -> Monotone:
+def _monotone(scanner: Scanner, tree: BaseTree, component: int, direction: str) -> Monotone:
     if not scanner.word("in"):
         scanner.fail(f"expected 'in' and the name of a feature after {direction!r}")
     if (name := _name(scanner, tree.feature_names)) is None:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from ..base import BaseTree
 from ..boxes import Boxes
 from ..floats import number, printable
-from ..tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -70,17 +70,17 @@ class Verdict:
         return f"{printable(self.name)}: {self.words}"
 
 
-def example(tree: DecisionTree, observation: Float32[np.ndarray, " features"]) -> Example:
+def example(tree: BaseTree, observation: Float32[np.ndarray, " features"]) -> Example:
     """Put an observation, and what a tree does about it, in words."""
     return Example(observation, observation_words(tree, observation), action_words(tree, observation))
 
 
-def action_words(tree: DecisionTree, observation: Float32[np.ndarray, " features"]) -> str:
+def action_words(tree: BaseTree, observation: Float32[np.ndarray, " features"]) -> str:
     """Say what a tree does."""
     return ", ".join(tree.actions.words(tree.predict(observation)))
 
 
-def observation_words(tree: DecisionTree, observation: Float32[np.ndarray, " features"]) -> str:
+def observation_words(tree: BaseTree, observation: Float32[np.ndarray, " features"]) -> str:
     """Say what is observed: ``pole angle = 0.2, front is lava``."""
     phrases = []
     for feature, x in enumerate(observation):
