@@ -38,13 +38,13 @@ import numpy as np
 
 from ..bounded import LARGEST_BY_HAND, parse_toml
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
+from .base import BaseTree, TreeT
 from .edit import checked_threshold, leaf_tree
 from .floats import brief, next_below, printable
 from .name_lookup import did_you_mean, leaf_value, position
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .regions import Way
 from .serialize import FORMAT, VERSION, from_json, read_actions
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -82,8 +82,13 @@ class _Line:
 
 
 def from_text(
-    text: str, *, like: DecisionTree | None = None, actions: ActionSpec | None = None, **space: Any
-) -> DecisionTree:
+    text: str,
+    kind: type[TreeT],
+    *,
+    like: TreeT | None = None,
+    actions: ActionSpec | None = None,
+    **space: Any,
+) -> TreeT:
     """Parse a tree; it acts on every observation as the tree that `to_text` wrote, with the same thresholds.
 
     The text does not hold visits, nor the values of leaves beyond their actions (see
@@ -91,6 +96,7 @@ def from_text(
 
     Args:
         text: The listing, with or without a header.
+        kind: The class of the tree.
         like: A tree of the same features and actions, if the text has no header.
         actions: The actions, if there is neither a header nor such a tree.
         space: With ``actions``, the observations: feature_names and what else `DecisionTree.from_complete` takes.
@@ -99,7 +105,7 @@ def from_text(
         ValueError: If the text is not a tree, naming the line, or nothing tells its features and actions.
     """
     document = parse_document(text)
-    known = _space(document.header, like, actions, space)
+    known = _space(document.header, kind, like, actions, space)
     splits: list[Split | None] = []
     values: list[np.ndarray] = []
     stack = [_outline(document)]
@@ -138,17 +144,21 @@ def parse_document(text: str) -> Document:
 
 
 def _space(
-    header: dict[str, Any], like: DecisionTree | None, actions: ActionSpec | None, space: dict[str, Any]
-) -> DecisionTree:
+    header: dict[str, Any],
+    kind: type[TreeT],
+    like: TreeT | None,
+    actions: ActionSpec | None,
+    space: dict[str, Any],
+) -> TreeT:
     """Return a tree of one leaf with the features and actions of the text."""
     meta = _meta(header)
     if "features" in header or "actions" in header:
         if "features" not in header or "actions" not in header:
             raise ValueError("the header must have both features and actions, or only env")
-        return _declared(header, meta)
+        return _declared(header, meta, kind)
     if actions is not None:
         nothing = np.zeros(0)
-        known = DecisionTree.from_complete(
+        known = kind.from_complete(
             nothing.astype(int), nothing, np.zeros((1, actions.n_outputs)), actions=actions, **space
         )
     elif like is not None:
@@ -173,7 +183,7 @@ def _meta(header: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"the header: {error}") from error
 
 
-def _declared(header: dict[str, Any], meta: dict[str, Any]) -> DecisionTree:
+def _declared(header: dict[str, Any], meta: dict[str, Any], kind: type[TreeT]) -> TreeT:
     """Return a tree of one leaf with the features and actions of the header."""
     try:
         actions = header["actions"]
@@ -191,7 +201,7 @@ def _declared(header: dict[str, Any], meta: dict[str, Any]) -> DecisionTree:
         }
         if "groups" in header:
             document["groups"] = [{"cell": None, **g} if isinstance(g, dict) else g for g in header["groups"]]
-        return from_json(json.dumps(_finite(document), allow_nan=False))
+        return from_json(json.dumps(_finite(document), allow_nan=False), kind)
     except (ValueError, TypeError) as error:
         raise ValueError(f"the header: {error}") from error
 
@@ -259,7 +269,7 @@ def _all(root: _Line) -> Iterator[_Line]:
         stack += line.children.values()
 
 
-def _leaf_value(known: DecisionTree, line: _Line) -> np.ndarray:
+def _leaf_value(known: BaseTree, line: _Line) -> np.ndarray:
     if line.children:
         return np.zeros(known.actions.n_outputs, np.float32)
     try:
@@ -270,7 +280,7 @@ def _leaf_value(known: DecisionTree, line: _Line) -> np.ndarray:
         raise
 
 
-def _assembled(known: DecisionTree, splits: list[Split | None], values: list[np.ndarray]) -> DecisionTree:
+def _assembled(known: TreeT, splits: list[Split | None], values: list[np.ndarray]) -> TreeT:
     """Return the tree of these nodes, which are in preorder."""
     right = np.full(len(splits), NO_CHILD)
     roots: list[int] = []
@@ -297,7 +307,7 @@ class Split(NamedTuple):
     yes: Way
 
 
-def parse_question(tree: DecisionTree, words: str) -> Split:
+def parse_question(tree: BaseTree, words: str) -> Split:
     """Parse the question of an inner node.
 
     Args:
@@ -338,7 +348,7 @@ def _comparison(feature: int, sign: str, number: float) -> Split:
     return Split(feature, threshold, "left" if sign in ("≤", "<=", "<") else "right")
 
 
-def parse_action(tree: DecisionTree, words: str) -> Float32[np.ndarray, " outputs"]:
+def parse_action(tree: BaseTree, words: str) -> Float32[np.ndarray, " outputs"]:
     """Parse the action of a leaf.
 
     Args:
@@ -357,7 +367,7 @@ def parse_action(tree: DecisionTree, words: str) -> Float32[np.ndarray, " output
         return leaf_value(actions, actions.start + position(words, names, "action"))
     found = _parts(actions, words)
     if len(found) != 1:
-        example = ", ".join(actions.words(actions.decide(tree.value[:1])[0]))
+        example = ", ".join(actions.words(tree.leaf_actions[0]))
         how = (
             f"can be read in {len(found)} ways" if found else f"is not an action; write it as in {example!r}"
         )
@@ -365,7 +375,7 @@ def parse_action(tree: DecisionTree, words: str) -> Float32[np.ndarray, " output
     return leaf_value(actions, found[0])
 
 
-def _categories(tree: DecisionTree, words: str, *, negated: bool) -> Iterator[Split]:
+def _categories(tree: BaseTree, words: str, *, negated: bool) -> Iterator[Split]:
     for group in tree.groups:
         for feature in group.features:
             if group.words(feature, negated=negated).strip() == words:
