@@ -6,8 +6,8 @@ import numpy as np
 
 from .base import BaseTree
 from .boxes import node_boxes, space
-from .verify.language import parse_condition
-from .verify.logic import boxes_of
+from .verify.conditions import boxes_of
+from .verify.grammar import parse_condition
 
 
 def nodes_met(tree: BaseTree, condition: str) -> tuple[int, ...]:

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     from .counterfactual import Norm
     from .explain import Explanation
-    from .verify.properties import Said
-    from .verify.verdict import Verdict
+    from .verify.properties import PropertyLike, Verdict
 
 
 @final
@@ -62,11 +61,11 @@ class DecisionTree(BaseTree):
         small = prune(self, bounds=bounds, merge=merge)
         return small if observations is None else prune_on(small, observations, merge=merge)
 
-    def verify(self, *said: Said) -> tuple[Verdict, ...]:
+    def verify(self, *properties: PropertyLike) -> tuple[Verdict, ...]:
         """Prove or refute properties such as ``"when pole angle > 0.1 then action is push right"``.
 
         Args:
-            said: Each is a rule, a `sympol.trees.verify.Property`, or the path of a file of properties.
+            properties: Each is a rule, a `sympol.trees.verify.Property`, or the path of a file of properties.
 
         Returns:
             A verdict for each property, with a counterexample where it does not hold.
@@ -76,7 +75,7 @@ class DecisionTree(BaseTree):
         """
         from .verify import verify
 
-        return verify(self, said)
+        return verify(self, properties)
 
     def explain(
         self,
