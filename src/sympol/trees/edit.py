@@ -149,7 +149,7 @@ def split_tree(feature: int, threshold: float, left: TreeT, right: TreeT) -> Tre
         **links,
         feature=np.concatenate([[feature], left.feature, right.feature]),
         threshold=np.concatenate([[threshold], left.threshold, right.threshold]),
-        value=np.concatenate([np.zeros((1, left.actions.n_outputs)), left.value, right.value]),
+        value=np.concatenate([np.zeros((1, left.actions.n_outputs)), left.leaf_outputs, right.leaf_outputs]),
         n_node_samples=visits,
     )
 

@@ -81,6 +81,6 @@ def packed(
         children_right=np.where(leaf, NO_CHILD, position[right[order]]),
         feature=tree.feature[order],
         threshold=tree.threshold[order],
-        value=tree.value[order],
+        value=tree.leaf_outputs[order],
         n_node_samples=None,
     )
