@@ -14,7 +14,7 @@ from sympol.algorithms.config import ConfigError
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment
 from sympol.runs.about import RunError
-from sympol.runs.metrics import COLUMNS
+from .tiny import COLUMNS
 from sympol.trees import BoxActions, DiscreteActions, MultiDiscreteActions
 
 from .envs.probes import MultiDiscreteMatch

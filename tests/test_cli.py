@@ -18,7 +18,8 @@ from sympol.algorithms.config import Config, applies
 from sympol.cli.commands import COMMANDS
 from sympol.cli.parse import parse_train
 from sympol.runs.folder import Run
-from sympol.runs.metrics import COLUMNS, TensorBoard
+from sympol.runs.metrics import TensorBoard
+from .tiny import COLUMNS
 from sympol.trees import DecisionTree
 
 from .test_agents import Troubled

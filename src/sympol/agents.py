@@ -15,9 +15,9 @@ import numpy as np
 from .algorithms.config import Config
 from .algorithms.inference import outputs
 from .algorithms.knobs import whole
-from .algorithms.normalization import unbroken_bounds, warn_of_bounds
 from .algorithms.memory import require_memory
 from .algorithms.metrics import metrics_of, require_finite
+from .algorithms.normalization import unbroken_bounds, warn_of_bounds
 from .algorithms.presets import DEFAULT, preset
 from .algorithms.state import TrainState
 from .algorithms.trainer import Trainer, make_trainer, stops

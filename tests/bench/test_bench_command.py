@@ -17,7 +17,7 @@ from sympol.bench.record import Cell
 from sympol.bench.runtime import take_turns
 from sympol.bench.tables import TABLES
 from sympol.runs.folder import Run
-from sympol.runs.metrics import COLUMNS
+from ..tiny import COLUMNS
 from sympol.training import training_seconds
 
 from ..tiny import agent, quick_compiles, refused, status_of, trained

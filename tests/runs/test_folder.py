@@ -16,7 +16,8 @@ import sympol
 from sympol.runs import checkpoint
 from sympol.runs.about import RunError
 from sympol.runs.folder import Run
-from sympol.runs.metrics import COLUMNS, MetricsFile
+from sympol.runs.metrics import MetricsFile
+from ..tiny import COLUMNS
 
 from ..tiny import TRAIN, agent, csv_without_time, quick_compiles, refused, status_of
 

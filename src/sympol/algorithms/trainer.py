@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jax.sharding import Mesh
 
 from ..envs.env import Env
 from ..envs.spec import EnvSpec
@@ -28,36 +29,43 @@ def stops(config: Config) -> list[int]:
     return sorted({int(np.ceil(stop)) for stop in evenly})
 
 
-class Program:
-    """What all seeds of one static configuration share: the loop, compiled.
+def make_loop(source: Env | EnvSpec, config: Config, *, warm: bool = False, mesh: Mesh | None = None) -> Loop:
+    """Return the training loop of an environment.
 
     Args:
         source: An environment written in JAX, or the description of one that the host steps.
         config: The static part of the configuration.
         warm: Whether trainings start from a tree.
+        mesh: The devices to divide the environments of JAX among, if there are several.
+
+    Returns:
+        The loop; it opens no environment before its first segment.
     """
+    on_host = isinstance(source, EnvSpec)
+    features = len(source.features.names) if on_host else source.observation_space.shape[0]
+    make_algorithm = algorithm_class(config.algorithm)
+    algorithm = make_algorithm(config, distribution_of(source.action_space), features)
+    if on_host:
+        return Loop(config, algorithm, HostRollouts(source, config, algorithm), warm=warm)
+    return Loop(config, algorithm, JaxRollouts(source, config, algorithm, mesh), warm=warm)
+
+
+class Program:
+    """What all seeds of one static configuration share: the compiled loop. The arguments are those of `make_loop`."""
 
     def __init__(self, source: Env | EnvSpec, config: Config, *, warm: bool = False) -> None:
-        on_host = isinstance(source, EnvSpec)
         mesh = None if config.num_devices == 1 else make_mesh(config.num_devices)
-        features = len(source.features.names) if on_host else source.observation_space.shape[0]
-        distribution = distribution_of(source.action_space)
-        algorithm = algorithm_class(config.algorithm)(config, distribution, features)
-        self.rollouts = (
-            HostRollouts(source, config, algorithm)
-            if on_host
-            else JaxRollouts(source, config, algorithm, mesh)
-        )
-        self.loop = Loop(config, algorithm, self.rollouts, warm=warm)
-        self.template = self.loop.template()
+        loop = make_loop(source, config, warm=warm, mesh=mesh)
+        self.rollouts = loop.rollouts
+        self.template = loop.template()
         self.placement = None if mesh is None else shardings(mesh, self.template)
         """Where each array lies, if not all of them on one device."""
-        if on_host:
-            self.segment: Callable[..., TrainState] = self.loop.segment
-            self.compile: Callable[..., float] = self.loop.compile_learn
+        if isinstance(source, EnvSpec):
+            self.segment: Callable[..., TrainState] = loop.segment
+            self.compile: Callable[..., float] = loop.compile_learn
         else:
             options = {} if self.placement is None else {"out_shardings": self.placement}
-            self.segment = compiled = Compiled(self.loop.segment, **options)
+            self.segment = compiled = Compiled(loop.segment, **options)
             self.compile = compiled.compile
 
 

@@ -20,7 +20,7 @@ from ..interrupts import interrupts, say
 from ..play import Episodes, play
 from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
-from ..training import finish, keep_in
+from ..training import finish, save_into
 from .console import err, out, print_error, print_next, print_stopped, warnings_in_one_line, words_of
 
 EVAL_SEED = 1
@@ -62,7 +62,7 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
             warnings_in_one_line(),
         ):
             if agent.num_timesteps < agent.config.total_timesteps:
-                agent.learn(callback=[still_wanted, keep_in(run), watch])
+                agent.learn(callback=[still_wanted, save_into(run), watch])
         if asked.is_set():
             raise KeyboardInterrupt
         seconds = time.perf_counter() - began

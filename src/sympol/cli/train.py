@@ -16,7 +16,7 @@ from ..runs.about import RunError, file_name
 from ..runs.checkpoint import DamagedCheckpoint
 from ..runs.folder import Run
 from ..runs.metrics import SetAside, TensorBoard
-from ..training import go_on
+from ..training import resume_agent
 from .arguments import Resume, Train
 from .console import err, one_line_errors, print_warning
 from .learn import learn, show_result
@@ -102,7 +102,7 @@ def _continue(run: Run, eval_episodes: int | None, as_json: bool) -> int:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", DamagedCheckpoint)
             warnings.simplefilter("always", SetAside)
-            agent = go_on(run)
+            agent = resume_agent(run)
         for warning in caught:
             print_warning(warning.message)
         err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")

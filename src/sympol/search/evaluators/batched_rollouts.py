@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float, Int, UInt32
 
-from ...algorithms.trainer import COMPILER_OPTIONS
+from ...algorithms.compiled import COMPILER_OPTIONS
 from ...envs.env import MAX_EPISODE_STEPS, Env
 from ...policies.distributions import distribution_of
 from .bitmask_trees import Masked

@@ -12,7 +12,7 @@ import numpy as np
 from ...agents import PPO, Agent, Callback, Report
 from ...envs.spec import EnvSpec
 from ...runs.folder import Run
-from ...training import finish, go_on, has_run, keep_in
+from ...training import finish, has_run, resume_agent, save_into
 from ...trees import DecisionTree
 from ..evaluators.base import make_arena
 from ..evolve import Budget
@@ -50,7 +50,7 @@ def trained(site: Site, policy: str, folder: Path, share: Budget, **options: Any
     began = time.perf_counter()
     if has_run(folder):
         run = Run.open(folder)
-        agent = go_on(run)
+        agent = resume_agent(run)
     else:
         agent = PPO(policy, site.spec, seed=site.seed, **options)
         if share.steps < agent.config.total_timesteps:
@@ -60,7 +60,7 @@ def trained(site: Site, policy: str, folder: Path, share: Budget, **options: Any
     def in_time(report: Report) -> bool:
         return time.perf_counter() - began < share.seconds
 
-    callbacks: list[Callback] = [keep_in(run), in_time]
+    callbacks: list[Callback] = [save_into(run), in_time]
     with run:
         if agent.num_timesteps < agent.config.total_timesteps:
             agent.learn(callback=callbacks, progress_bar=False)
