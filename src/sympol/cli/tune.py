@@ -13,7 +13,7 @@ from rich.table import Table as Shown
 from ..algorithms.rules import CHOICES
 from ..bench.seeds import SEARCH
 from ..parallel import Failure
-from ..runs.about import file_name
+from ..runs.metadata import file_name
 from ..runs.progress import decimals
 from ..threads import use_one_thread
 from ..tune.report import (
