@@ -6,7 +6,7 @@
 | `metrics.csv` | one row for each validation |
 | `checkpoints/` | the two newest states of the training |
 | `start.json` | the tree that the training started from, if any; `[run.start]` of the config says where it is from |
-| `policy.json` | the tree (docs/tree-json.md) |
+| `policy.json` | the tree (docs/guides/tree-json.md) |
 | `policy.py`, `tree.txt`, `tree.svg` | the tree as a program, as text, as a picture |
 | `summary.json` | its returns, its size, its times |
 
