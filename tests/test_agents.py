@@ -13,12 +13,11 @@ from sympol.agents import Report
 from sympol.algorithms.config import ConfigError
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment
-from sympol.runs.about import RunError
-from .tiny import COLUMNS
+from sympol.runs.metadata import RunError
 from sympol.trees import BoxActions, DiscreteActions, MultiDiscreteActions
 
 from .envs.probes import MultiDiscreteMatch
-from .tiny import NAMES, TINY, Chain, agent, quick_compiles, trained
+from .tiny import COLUMNS, NAMES, TINY, Chain, agent, quick_compiles, trained
 
 __all__ = ["quick_compiles"]
 

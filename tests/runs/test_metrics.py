@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from sympol.runs.metrics import STEP, MetricsFile, SetAside
+
 from ..tiny import COLUMNS
 
 ROWS = [[float(step), *(step + i / 8 for i in range(1, len(COLUMNS)))] for step in range(100, 4000, 100)]

@@ -2,9 +2,9 @@
 
 The functions here are the same for every algorithm and for both sources of experience. With `JaxRollouts` a whole
 *segment*, from one validation to the next, is one call of one compiled program; with `HostRollouts` the same lines run
-in Python, and the functions that `Rollouts.compiled` returns are compiled. Where a training is cut into segments changes
-nothing in what is learned from JAX environments. Whatever could change a shape is a trip count instead, so nothing
-compiles twice.
+in Python, and the functions that `Rollouts.compiled` returns are compiled. Where a training is cut into segments
+changes nothing in what is learned from JAX environments. Whatever could change a shape is a trip count instead, so
+nothing compiles twice.
 """
 
 from __future__ import annotations
