@@ -152,7 +152,6 @@ def test_a_reward_that_is_not_finite_names_the_step():
 
 @pytest.mark.slow
 def test_cartpole_through_gymnasium_learns():
-    assert make_trainer(CARTPOLE, CONFIG, 0).latest is None
     returns = [train(CARTPOLE, [16_384], seed).validation.last_return for seed in range(3)]
     assert np.mean(returns) > 2 * 22  # what acting at random earns is 22
 
