@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 import sympol
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 from sympol.trees.export import check as trial
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import tyro
 
 from .. import files
-from ..runs.about import RunError
-from ..runs.folder import Run
+from ..runs.metadata import RunError
+from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.export import FORMATS, SUFFIXES, canonical, format_of
 from .arguments import Folder, PlaysRun
