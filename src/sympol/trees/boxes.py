@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from .floats import flushed, next_above
+from .floats import flushed, next_above, simplest_float
 from .groups import Group
 from .preorder import depths
-from .simplest_float import readable
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float32, Int
@@ -129,7 +128,9 @@ class Boxes:
         if self.is_empty[box]:
             raise ValueError("the box is empty: there is no observation in it")
         low, high = self.low[box], self.high[box]
-        x = np.array([readable(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)], np.float32)
+        x = np.array(
+            [simplest_float(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)], np.float32
+        )
         x[list(self.integers)] = np.clip(0, low, high)[list(self.integers)]
         for group in self.groups:
             features = list(group.features)
