@@ -109,12 +109,15 @@ class Difference:
 
 
 def diff(before: BaseTree, after: BaseTree, observations: ArrayLike | None = None) -> Difference:
-    """Tell two trees apart.
+    """Compare two trees.
 
     Args:
         before: The one.
         after: The other, of the same features, groups and actions.
         observations: States to count in, such as those that were visited, [batch, features].
+
+    Returns:
+        The regions in which actions differ, and the counts of changed states.
 
     Raises:
         ValueError: trees of other spaces, or observations that are not the trees'.

@@ -42,6 +42,14 @@ class Edited(NamedTuple, Generic[TreeT]):
 def override(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     """Return the tree that takes an action wherever a condition holds, and acts as before everywhere else.
 
+    Args:
+        tree: The tree to change; it stays as it is.
+        condition: Where the action is taken, as after ``when`` in a property.
+        action: The action: a name, a number, or one for each component.
+
+    Returns:
+        The changed tree, and the numbers of the nodes that are the rule.
+
     Raises:
         ValueError: the condition is none, names what the tree does not have, or can never hold; or there is no such
             action.

@@ -82,6 +82,14 @@ def prune(tree: TreeT, *, bounds: bool = True, merge: bool = True) -> TreeT:
     more. Visits that went where the bounds forbid are dropped. Where visits would have to be shared between
     leaves, nobody knows how: then the leaves keep their values, and the tree that is returned knows no visits;
     `DecisionTree.with_visits` counts them again.
+
+    Args:
+        tree: The tree to prune; it stays as it is.
+        bounds: Whether only observations within the bounds of the space count.
+        merge: Whether leaves with the same action are merged.
+
+    Returns:
+        The pruned tree.
     """
     work, region = _work(tree), Region(tree, bounds=bounds)
     done: list[_Node] = []
@@ -112,7 +120,13 @@ def prune(tree: TreeT, *, bounds: bool = True, merge: bool = True) -> TreeT:
 
 
 def prune_unvisited(tree: TreeT) -> TreeT:
-    """Drop the branches nobody visited. This CHANGES the policy on observations that were never seen.
+    """Drop the branches without visits. This CHANGES the policy on observations that were never seen.
+
+    Args:
+        tree: The tree to prune, with visits.
+
+    Returns:
+        The pruned tree.
 
     Raises:
         ValueError: if the tree does not know its visits; `DecisionTree.with_visits` counts them.
@@ -259,12 +273,20 @@ def _rebuild(tree: TreeT, preorder: Iterable[_Node]) -> TreeT:
 
 
 def prune_on(tree: TreeT, observations: ArrayLike, *, merge: bool = True) -> TreeT:
-    """Return the smaller tree that acts the same, deterministically, on each of these observations.
+    """Return the smaller tree that acts the same, deterministically, on each of the given observations.
 
     On all others it may act differently: give all that can occur. A split goes when one side, asked for both, gives
     the same actions, as it does when none of them pass on the other; where either side can, the smaller one stays.
     Without ``merge`` it must give them out of the same leaves. The leaves keep their values, and nothing is known
     of visits afterwards: `DecisionTree.with_visits` counts them.
+
+    Args:
+        tree: The tree to prune; it stays as it is.
+        observations: All observations that can occur, ``[batch, features]``.
+        merge: Whether leaves with the same action are merged.
+
+    Returns:
+        The pruned tree, without visits.
 
     Raises:
         ValueError: no observations, or of another shape, or groups that are not one-hot in them.

@@ -33,7 +33,18 @@ class Format:
         return (self.suffix, *self.also)
 
     def write(self, tree: BaseTree, **options: Any) -> str | bytes:
-        """Write the tree. Raises ImportError, saying what to install, where a library is lacking."""
+        """Write the tree.
+
+        Args:
+            tree: The tree.
+            options: Options of the format; see ``options``.
+
+        Returns:
+            The text, or the bytes where ``binary`` is true.
+
+        Raises:
+            ImportError: A library is not installed; the message says how to install it.
+        """
         return self._function(tree, **options)
 
     @property
@@ -79,7 +90,17 @@ def canonical(name: str) -> str:
 
 
 def format_of(name: str) -> Format:
-    """The format of a name, or of a suffix without its dot, such as ``"js"``. Raises ValueError, naming all."""
+    """Return a format by its name, or by a suffix without its dot, such as ``"js"``.
+
+    Args:
+        name: The name or suffix.
+
+    Returns:
+        The format.
+
+    Raises:
+        ValueError: There is no such format; the message names all.
+    """
     if (known := canonical(name)) not in FORMATS:
         raise ValueError(f"unknown format {name!r}; there are {', '.join(FORMATS)}")
     return FORMATS[known]
