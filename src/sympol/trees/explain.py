@@ -27,17 +27,20 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Why, and what else."""
+    """The explanation of one decision."""
 
     observation: Float32[np.ndarray, " features"]
     """As the tree sees it: float32, subnormal numbers zero."""
     action: np.ndarray
+    """As `DecisionTree.predict` returns it."""
     answer: str
     """The action in words."""
     leaf: int
+    """The number of the leaf that is reached."""
     sentence: str
-    """The way through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
+    """The path through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
     reason: Reason
+    """The smallest sufficient reason."""
     counterfactuals: tuple[Counterfactual, ...]
     """One for every other action, the nearest first."""
 
