@@ -2,8 +2,7 @@
 
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
 from .groups import Group
-from .prune import prune, prune_unvisited
-from .prune_on import prune_on
+from .prune import prune, prune_on, prune_unvisited
 from .tree import DecisionTree
 
 __all__ = [

@@ -41,7 +41,13 @@ def _softmax(logits: Float32[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch
 @final
 @dataclass(frozen=True)
 class DiscreteActions:
-    """One of n actions, numbered from ``start``."""
+    """One of n actions, numbered from ``start``.
+
+    Args:
+        n: Number of actions.
+        names: A name for each action; ``action 0``, … by default.
+        start: The number of the first action.
+    """
 
     n: int
     names: tuple[str, ...] = ()
@@ -62,22 +68,51 @@ class DiscreteActions:
         return self.n
 
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, " batch"]:
-        """Return the deterministic action of each row."""
+        """Return the deterministic action of each row.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            Numbers of actions, ``[batch]``.
+        """
         return np.argmax(values, axis=1) + np.int64(self.start)
 
     def probabilities(self, values: Float32[np.ndarray, "batch outputs"]) -> Float[np.ndarray, "batch n"]:
-        """Return the probability of each action, row by row."""
+        """Return the probability of each action, row by row.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            Probabilities, ``[batch, n]``.
+        """
         return _softmax(values)
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Say what an action does: ``("push left",)``."""
+        """Say what an action does: ``("push left",)``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         return (printable(self.names[int(np.asarray(action)) - self.start]),)
 
 
 @final
 @dataclass(frozen=True)
 class MultiDiscreteActions:
-    """Several choices at once; component k has ``nvec[k]`` options, numbered from ``start[k]``."""
+    """Several choices at once; component k has ``nvec[k]`` options, numbered from ``start[k]``.
+
+    Args:
+        nvec: Number of options of each component.
+        names: A name for each component.
+        options: The names of the options of each component; their numbers by default.
+        start: The number of the first option of each component; 0 by default.
+    """
 
     nvec: tuple[int, ...]
     names: tuple[str, ...] = ()
@@ -109,22 +144,51 @@ class MultiDiscreteActions:
         return sum(self.nvec)
 
     def split(self, values: Float32[np.ndarray, "batch outputs"]) -> list[Float32[np.ndarray, "batch n"]]:
-        """Part the logits by component."""
+        """Part the logits by component.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            One array ``[batch, options]`` for each component.
+        """
         return np.split(values, np.cumsum(self.nvec)[:-1], axis=1)
 
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, "batch components"]:
-        """Return the deterministic action of each row."""
+        """Return the deterministic action of each row.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            Numbers of options, ``[batch, components]``.
+        """
         chosen = [np.argmax(logits, axis=1) for logits in self.split(values)]
         return np.stack(chosen, axis=1) + np.array(self.start, dtype=np.int64)
 
     def probabilities(
         self, values: Float32[np.ndarray, "batch outputs"]
     ) -> tuple[Float[np.ndarray, "batch n"], ...]:
-        """Return for each component the probability of each option, row by row."""
+        """Return for each component the probability of each option, row by row.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            One array ``[batch, options]`` for each component.
+        """
         return tuple(_softmax(logits) for logits in self.split(values))
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Say what an action does, component by component: ``("gas: on", "steer: left")``."""
+        """Say what an action does, component by component: ``("gas: on", "steer: left")``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         chosen = (np.asarray(action) - np.array(self.start)).tolist()
         return tuple(
             f"{printable(name)}: {printable(options[option])}"
@@ -135,9 +199,16 @@ class MultiDiscreteActions:
 @final
 @dataclass(frozen=True)
 class BoxActions:
-    """A float32 array within bounds; ``std`` is the policy's noise, the same at every leaf, if it has any.
+    """A float32 array within bounds; ``std`` is the policy's noise, the same at every leaf.
 
     Bounds, names and std are one a number, in C order, whatever the shape.
+
+    Args:
+        low: Lower bounds.
+        high: Upper bounds.
+        shape: Shape of an action.
+        names: A name for each number of an action.
+        std: Standard deviations of the policy's noise, or None.
     """
 
     low: tuple[float, ...]
@@ -171,16 +242,41 @@ class BoxActions:
         return len(self.low)
 
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Float32[np.ndarray, "batch ..."]:
-        """Return the deterministic action of each row."""
+        """Return the deterministic action of each row.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            Actions within their bounds, ``[batch, *shape]``, float32.
+        """
         clipped = np.clip(values, np.array(self.low, np.float32), np.array(self.high, np.float32))
         return clipped.reshape(len(values), *self.shape)
 
     def probabilities(self, values: Float32[np.ndarray, "batch outputs"]) -> tuple[()]:
-        """Raise: a continuous action has a density, not a table of probabilities."""
+        """Raise: a continuous action has a density, not a table of probabilities.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            Nothing; it always raises.
+
+        Raises:
+            TypeError: Continuous actions have no probabilities.
+        """
         raise TypeError("continuous actions have no table of probabilities; read predict() and actions.std")
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Say what an action does, number by number: ``("torque = 0.53",)``."""
+        """Say what an action does, number by number: ``("torque = 0.53",)``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         numbers = np.ravel(np.asarray(action))
         return tuple(
             f"{printable(name)} = {number(x, digits)}" for name, x in zip(self.names, numbers, strict=True)

@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from .floats import flushed, next_above
+from .floats import flushed, next_above, simplest_float
 from .groups import Group
 from .preorder import depths
-from .simplest_float import readable
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float32, Int
@@ -129,7 +128,9 @@ class Boxes:
         if self.is_empty[box]:
             raise ValueError("the box is empty: there is no observation in it")
         low, high = self.low[box], self.high[box]
-        x = np.array([readable(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)], np.float32)
+        x = np.array(
+            [simplest_float(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)], np.float32
+        )
         x[list(self.integers)] = np.clip(0, low, high)[list(self.integers)]
         for group in self.groups:
             features = list(group.features)
@@ -198,7 +199,15 @@ def leaf_boxes(tree: BaseTree, *, bounds: bool) -> Boxes:
 
 
 def unreachable_leaves(tree: BaseTree, *, bounds: bool = True) -> Int[np.ndarray, " leaves"]:
-    """Return the leaves in which no observation ends; with ``bounds``, none within the bounds of the space."""
+    """Return the leaves that no observation reaches.
+
+    Args:
+        tree: The tree.
+        bounds: Whether only observations within the bounds of the space count.
+
+    Returns:
+        Numbers of the leaves that no observation reaches.
+    """
     leaves = np.flatnonzero(tree.is_leaf)
     return leaves[leaf_boxes(tree, bounds=bounds).is_empty]
 

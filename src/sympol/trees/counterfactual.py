@@ -64,7 +64,7 @@ def nearest(
     norm: Norm = "l1",
     scale: Mapping[str | int, float] | None = None,
 ) -> Counterfactual | None:
-    """Return the nearest observation whose action is wanted, the given one itself included; None if there is none.
+    """Return the nearest observation whose action is wanted; it may be the given one itself.
 
     Continuous actions are asked for in this way: ``nearest(tree, x, lambda torque: torque >= 1)``.
 
@@ -75,6 +75,9 @@ def nearest(
         immutable: Features and groups that must stay as they are, by name or position.
         norm: How distances are measured.
         scale: What counts as a change by 1, for features and groups, by name or position.
+
+    Returns:
+        The counterfactual, or None if no observation gets a wanted action.
 
     Raises:
         ValueError, TypeError: as `explain` does.

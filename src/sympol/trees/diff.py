@@ -16,8 +16,7 @@ import numpy as np
 from .base import BaseTree
 from .boxes import leaf_boxes, node_boxes, space
 from .edit import require_same_space, subtree, subtree_end
-from .format_region import region_words
-from .text import leaf_words, question
+from .text import format_region, leaf_words, question
 from .verify.conditions import propagate
 
 if TYPE_CHECKING:
@@ -110,12 +109,15 @@ class Difference:
 
 
 def diff(before: BaseTree, after: BaseTree, observations: ArrayLike | None = None) -> Difference:
-    """Tell two trees apart.
+    """Compare two trees.
 
     Args:
         before: The one.
         after: The other, of the same features, groups and actions.
         observations: States to count in, such as those that were visited, [batch, features].
+
+    Returns:
+        The regions in which actions differ, and the counts of changed states.
 
     Raises:
         ValueError: trees of other spaces, or observations that are not the trees'.
@@ -145,7 +147,7 @@ def _changes(before: BaseTree, after: BaseTree) -> Iterator[Change]:
     awaited = [(0, 0)]
     while awaited:
         a, b = awaited.pop()
-        where = region_words(before, boxes[[a]], start)
+        where = format_region(before, boxes[[a]], start)
         if before.is_leaf[a] and after.is_leaf[b]:
             if _acts(before, a) != _acts(after, b):
                 yield Change(where, _said(before, a), _said(after, b))
@@ -157,7 +159,7 @@ def _changes(before: BaseTree, after: BaseTree) -> Iterator[Change]:
             awaited += [(int(getattr(before, side)[a]), int(getattr(after, side)[b])) for side in sides]
         elif (changed := _reworded(before, after, a, b)) is not None:
             for own, other in changed:
-                where = region_words(before, boxes[[own]], start)
+                where = format_region(before, boxes[[own]], start)
                 yield Change(where, _said(before, own), _said(after, other))
         else:
             yield from regions(before, after, a)
@@ -194,7 +196,7 @@ def regions(before: BaseTree, after: BaseTree, node: int = 0) -> Iterator[Change
             leaf, end = int(leaves[some[ends.origin[j]]]), int(ends.leaf[j])
             if _acts(before, leaf) != _acts(after, end):
                 yield Change(
-                    region_words(before, ends.boxes[[j]], start), _said(before, leaf), _said(after, end)
+                    format_region(before, ends.boxes[[j]], start), _said(before, leaf), _said(after, end)
                 )
 
 

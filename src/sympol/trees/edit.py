@@ -34,6 +34,14 @@ def set_action(tree: TreeT, leaf: int, action: Action) -> TreeT:
     The action is a name or a number; options for each component; numbers where it is continuous. The leaf's
     probabilities become `sympol.trees.name_lookup.SURE` for it.
 
+    Args:
+        tree: The tree to change; it stays as it is.
+        leaf: Number of the leaf.
+        action: The new action.
+
+    Returns:
+        The changed tree, without visits.
+
     Raises:
         ValueError, TypeError: no such leaf, or no such action.
     """
@@ -45,6 +53,14 @@ def set_action(tree: TreeT, leaf: int, action: Action) -> TreeT:
 def set_threshold(tree: TreeT, node: int, threshold: float) -> TreeT:
     """Return the tree in which an inner node compares with another threshold, rounded to float32.
 
+    Args:
+        tree: The tree to change; it stays as it is.
+        node: Number of the inner node.
+        threshold: The new threshold.
+
+    Returns:
+        The changed tree, without visits.
+
     Raises:
         ValueError, TypeError: no such inner node, or no finite number.
     """
@@ -54,7 +70,15 @@ def set_threshold(tree: TreeT, node: int, threshold: float) -> TreeT:
 
 
 def set_feature(tree: TreeT, node: int, feature: str | int) -> TreeT:
-    """Return the tree in which an inner node looks at another feature, given by name or position.
+    """Return the tree in which an inner node compares another feature, given by name or position.
+
+    Args:
+        tree: The tree to change; it stays as it is.
+        node: Number of the inner node.
+        feature: Name or position of the new feature.
+
+    Returns:
+        The changed tree, without visits.
 
     Raises:
         ValueError, TypeError: no such inner node, or no such feature.
@@ -65,11 +89,19 @@ def set_feature(tree: TreeT, node: int, feature: str | int) -> TreeT:
 
 
 def cut(tree: TreeT, node: int, action: Action | None = None) -> TreeT:
-    """Return the tree in which an inner node and all below it became one leaf.
+    """Return the tree in which an inner node and everything below it is one leaf.
 
     Without an ``action`` it takes the one most visits below it ended in, or, where visits are not known or there
     are none, the one of most leaves; the leaf is then the most visited of those that take it. Of equals, the
     first.
+
+    Args:
+        tree: The tree to change; it stays as it is.
+        node: Number of the inner node.
+        action: The action of the new leaf.
+
+    Returns:
+        The changed tree, without visits.
 
     Raises:
         ValueError, TypeError: no such inner node, or no such action.
@@ -80,7 +112,15 @@ def cut(tree: TreeT, node: int, action: Action | None = None) -> TreeT:
 
 
 def graft(tree: TreeT, node: int, other: TreeT) -> TreeT:
-    """Return the tree in which another one stands in the place of a node, and of all below it.
+    """Return the tree in which another one replaces a node and everything below it.
+
+    Args:
+        tree: The tree to change; it stays as it is.
+        node: Number of the node to replace, with everything below it.
+        other: The tree to put there.
+
+    Returns:
+        The changed tree, without visits.
 
     Raises:
         ValueError, TypeError: no such node, or the trees are not of the same features, groups and actions.
@@ -102,7 +142,14 @@ def graft_all(tree: TreeT, parts: Iterable[tuple[int, TreeT]]) -> TreeT:
 
 
 def subtree(tree: TreeT, node: int) -> TreeT:
-    """Return what is below a node, the node included, as a tree of its own.
+    """Return the part of a tree below a node, the node included.
+
+    Args:
+        tree: The tree.
+        node: Number of the node that becomes the root.
+
+    Returns:
+        The part of the tree below the node, as a tree of its own.
 
     Raises:
         ValueError, TypeError: no such node.

@@ -27,17 +27,20 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Why, and what else."""
+    """The explanation of one decision."""
 
     observation: Float32[np.ndarray, " features"]
     """As the tree sees it: float32, subnormal numbers zero."""
     action: np.ndarray
+    """As `DecisionTree.predict` returns it."""
     answer: str
     """The action in words."""
     leaf: int
+    """The number of the leaf that is reached."""
     sentence: str
-    """The way through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
+    """The path through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
     reason: Reason
+    """The smallest sufficient reason."""
     counterfactuals: tuple[Counterfactual, ...]
     """One for every other action, the nearest first."""
 
@@ -51,7 +54,11 @@ class Explanation:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain JSON; infinite distances are null."""
+        """Return everything as plain JSON; infinite distances are null.
+
+        Returns:
+            A dictionary that `json.dumps` accepts; infinite distances are None.
+        """
         return {
             "observation": self.observation.tolist(),
             "action": np.asarray(self.action).tolist(),
@@ -93,6 +100,9 @@ def explain(
         immutable: Features and groups that no counterfactual may change, by name or position.
         norm: How far observations are apart: ``"l1"``, ``"l0"`` or ``"linf"``.
         scale: What counts as a change by 1, for features and groups, by name or position; 1 where it is not given.
+
+    Returns:
+        The path, the smallest sufficient reason, and the counterfactuals.
 
     Raises:
         ValueError: an observation that is not one of the tree's, or not finite; a feature that there is not, a scale

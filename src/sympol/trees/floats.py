@@ -7,6 +7,7 @@ them what it decided in training, every number is flushed once, where it enters.
 from __future__ import annotations
 
 import math
+from decimal import ROUND_CEILING, Context, Decimal
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 SMALLEST_NORMAL = float(np.finfo(np.float32).smallest_normal)
 LARGEST_SUBNORMAL = float(np.nextafter(np.float32(SMALLEST_NORMAL), np.float32(0)))
+
+_DIGITS_OF_FLOAT32 = 9
+"""So many significant digits name every float32 number."""
 
 
 def flushed(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
@@ -94,6 +98,28 @@ def number(x: float, digits: int | None = None) -> str:
     if digits is not None:
         return f"{float(x):.{digits}g}"
     return repr(shortest(x)).removesuffix(".0")
+
+
+def simplest_float(low: float, high: float) -> float:
+    """Return the float32 number from ``low`` to ``high``, float32 both, that is easiest to read.
+
+    NaN where there is none. 0 if it is among them; else the number with the fewest significant decimal digits,
+    and of these the one nearest to 0.
+    """
+    if not low <= high:
+        return math.nan
+    if low <= 0 <= high:
+        return 0.0
+    if high < 0:
+        return -simplest_float(-high, -low)
+    if math.isinf(low):
+        return low
+    for digits in range(1, _DIGITS_OF_FLOAT32):
+        rounded_up = Context(prec=digits, rounding=ROUND_CEILING).create_decimal(Decimal(number(low)))
+        candidate = float(flushed(float(rounded_up)))
+        if low <= candidate <= high and math.isfinite(candidate):
+            return candidate
+    return low
 
 
 def brief(what: object, most: int = 80) -> str:

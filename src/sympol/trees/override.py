@@ -1,6 +1,6 @@
 """A rule on top of a tree: wherever a condition holds it is done, everywhere else what the tree does.
 
-    forced = force(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
+    edited = override(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
 
 The condition is a property's ``when`` (`sympol.trees.verify.grammar`). Each of its cases becomes a chain of
 questions from the root down, where every other answer leads on to the tree as it was, without what the questions
@@ -19,7 +19,7 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from .base import BaseTree, TreeT
-from .boxes import Boxes, space
+from .boxes import Boxes, node_boxes, space
 from .edit import checked_threshold, leaf_tree, split_tree
 from .floats import next_below
 from .name_lookup import Action, leaf_value
@@ -39,8 +39,16 @@ class Edited(NamedTuple, Generic[TreeT]):
     nodes: tuple[int, ...]
 
 
-def force(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
+def override(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     """Return the tree that takes an action wherever a condition holds, and acts as before everywhere else.
+
+    Args:
+        tree: The tree to change; it stays as it is.
+        condition: Where the action is taken, as after ``when`` in a property.
+        action: The action: a name, a number, or one for each component.
+
+    Returns:
+        The changed tree, and the numbers of the nodes that are the rule.
 
     Raises:
         ValueError: the condition is none, names what the tree does not have, or can never hold; or there is no such
@@ -50,7 +58,7 @@ def force(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     rule = _marked(leaf_tree(tree, leaf_value(tree.actions, action)), visits=1)
     asked = parse_condition(condition, tree)
     if not len(boxes_of(asked, space(tree, bounds=False))):
-        raise ValueError(f"no observation meets the condition {condition!r}: there is nothing to force")
+        raise ValueError(f"no observation meets the condition {condition!r}: there is nothing to override")
     # whole numbers are compared as numbers: the rule holds, and reads, as it was written
     everything = space(replace(tree, integers=()), bounds=False)
     boxes = boxes_of(asked, everything)
@@ -61,6 +69,25 @@ def force(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     # what leads to the rule's leaves is the rule: in the branches of the tree as it was there are none
     nodes = tuple(np.flatnonzero(grown.n_node_samples).tolist())
     return Edited(replace(grown, n_node_samples=None), nodes)
+
+
+def nodes_reached_by(tree: BaseTree, condition: str) -> tuple[int, ...]:
+    """Return the nodes that observations come by of which a condition holds, in the order of the tree.
+
+    The condition is a property's ``when``: ``"pole angle > 0.1 and cart velocity > 0"``. As long as these nodes stay
+    as they are, the tree does wherever the condition holds what it does now.
+
+    Raises:
+        ValueError: the condition is none, names what the tree does not have, or can never hold.
+    """
+    meant = boxes_of(parse_condition(condition, tree), space(tree, bounds=False))
+    if not len(meant):
+        raise ValueError(f"no observation meets the condition {condition!r}")
+    nodes = node_boxes(tree, bounds=False)
+    reached = np.zeros(tree.n_nodes, bool)
+    for box in range(len(meant)):
+        reached |= ~nodes.intersect(meant[[box]]).is_empty
+    return tuple(np.flatnonzero(reached).tolist())
 
 
 class _Case(NamedTuple):
@@ -107,8 +134,8 @@ class _Growing(Generic[TreeT]):
                 self.n_questions += 1
                 if self.n_questions > _MOST_QUESTIONS:
                     raise ValueError(
-                        f"the condition asks more than {_MOST_QUESTIONS} questions; force simpler ones, one after "
-                        "the other"
+                        f"the condition asks more than {_MOST_QUESTIONS} questions; split it into simpler conditions, "
+                        "each an override of its own"
                     )
                 return split_tree(feature, threshold, self.grown(left, cases), self.grown(right, cases))
         return self.rule

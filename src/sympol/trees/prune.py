@@ -25,15 +25,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .actions import ActionSpec, BoxActions
 from .base import BaseTree, TreeT
-from .floats import SMALLEST_NORMAL, flushed
-from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
+from .floats import SMALLEST_NORMAL, flushed, observation_batch
+from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD, descend, paths
 from .regions import Region, Way
+
+if TYPE_CHECKING:
+    from jaxtyping import Int
+    from numpy.typing import ArrayLike
 
 # Steps of a comparison, for each leaf of both sides, after which a split counts as not idle. Sides of the same
 # shape need 7; a tree made for it could need as many as it has pairs of leaves.
@@ -78,6 +82,14 @@ def prune(tree: TreeT, *, bounds: bool = True, merge: bool = True) -> TreeT:
     more. Visits that went where the bounds forbid are dropped. Where visits would have to be shared between
     leaves, nobody knows how: then the leaves keep their values, and the tree that is returned knows no visits;
     `DecisionTree.with_visits` counts them again.
+
+    Args:
+        tree: The tree to prune; it stays as it is.
+        bounds: Whether only observations within the bounds of the space count.
+        merge: Whether leaves with the same action are merged.
+
+    Returns:
+        The pruned tree.
     """
     work, region = _work(tree), Region(tree, bounds=bounds)
     done: list[_Node] = []
@@ -108,7 +120,13 @@ def prune(tree: TreeT, *, bounds: bool = True, merge: bool = True) -> TreeT:
 
 
 def prune_unvisited(tree: TreeT) -> TreeT:
-    """Drop the branches nobody visited. This CHANGES the policy on observations that were never seen.
+    """Drop the branches without visits. This CHANGES the policy on observations that were never seen.
+
+    Args:
+        tree: The tree to prune, with visits.
+
+    Returns:
+        The pruned tree.
 
     Raises:
         ValueError: if the tree does not know its visits; `DecisionTree.with_visits` counts them.
@@ -251,4 +269,75 @@ def _rebuild(tree: TreeT, preorder: Iterable[_Node]) -> TreeT:
         threshold=threshold,
         value=value,
         n_node_samples=visits if known else None,
+    )
+
+
+def prune_on(tree: TreeT, observations: ArrayLike, *, merge: bool = True) -> TreeT:
+    """Return the smaller tree that acts the same, deterministically, on each of the given observations.
+
+    On all others it may act differently: give all that can occur. A split goes when one side, asked for both, gives
+    the same actions, as it does when none of them pass on the other; where either side can, the smaller one stays.
+    Without ``merge`` it must give them out of the same leaves. The leaves keep their values, and nothing is known
+    of visits afterwards: `DecisionTree.with_visits` counts them.
+
+    Args:
+        tree: The tree to prune; it stays as it is.
+        observations: All observations that can occur, ``[batch, features]``.
+        merge: Whether leaves with the same action are merged.
+
+    Returns:
+        The pruned tree, without visits.
+
+    Raises:
+        ValueError: no observations, or of another shape, or groups that are not one-hot in them.
+        TypeError: not numbers.
+    """
+    X, _ = observation_batch(observations, tree.n_features)
+    if len(X) == 0:
+        raise ValueError("there must be at least one observation to prune on, got none")
+    X = np.unique(X, axis=0)
+    leaf = np.atleast_1d(tree.apply(X))
+    answer = _numbered(tree.leaf_actions) if merge else np.arange(tree.n_nodes)
+    wanted = answer[leaf]
+    come_by = paths(tree.children_left, tree.children_right, leaf).T
+    left, right = tree.children_left.copy(), tree.children_right.copy()
+    in_place, n_leaves = np.arange(tree.n_nodes), np.ones(tree.n_nodes, int)
+    for node in np.flatnonzero(~tree.is_leaf)[::-1]:
+        sides = left[node], right[node] = int(in_place[left[node]]), int(in_place[right[node]])
+        n_leaves[node] = n_leaves[[*sides]].sum()
+        here = come_by[node]
+        for side in sorted(sides, key=lambda side: n_leaves[side]):
+            found = descend(left, right, tree.feature, tree.threshold, X[here], side)
+            if (answer[found] == wanted[here]).all():
+                in_place[node] = side
+                break
+    return select_nodes(tree, left, right, int(in_place[0]))
+
+
+def _numbered(actions: np.ndarray) -> Int[np.ndarray, " nodes"]:
+    """A number for each action, the same where they are, bit for bit."""
+    numbers: dict[bytes, int] = {}
+    return np.array([numbers.setdefault(action.tobytes(), len(numbers)) for action in actions])
+
+
+def select_nodes(
+    tree: TreeT, left: Int[np.ndarray, " nodes"], right: Int[np.ndarray, " nodes"], root: int
+) -> TreeT:
+    """The tree below ``root`` along these links, in preorder."""
+    order, awaited = [], [root]
+    while awaited:
+        order.append(node := awaited.pop())
+        if left[node] != NO_CHILD:
+            awaited += [right[node], left[node]]
+    position = np.full(tree.n_nodes, NO_CHILD)
+    position[order] = np.arange(len(order))
+    leaf = left[order] == NO_CHILD
+    return replace(
+        tree,
+        children_left=np.where(leaf, NO_CHILD, position[left[order]]),
+        children_right=np.where(leaf, NO_CHILD, position[right[order]]),
+        feature=tree.feature[order],
+        threshold=tree.threshold[order],
+        value=tree.leaf_outputs[order],
+        n_node_samples=None,
     )
