@@ -113,7 +113,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def is_temporary(name: str) -> bool:
-    """Whether a file of this name is an unfinished one of ours, by this version or an earlier one."""
+    """Return whether a file of this name is an unfinished one of ours, of this version or an earlier one."""
     return bool(_TEMPORARY.fullmatch(name)) or (name.startswith(".") and name.endswith((".tmp", ".tmp.svg")))
 
 

@@ -96,7 +96,7 @@ class Interrupts:
                 self.at_once = before_it
 
     def take_last_word(self) -> bool:
-        """Whether nobody has said yet how the command ended; whoever asks first is to say it."""
+        """Return whether the end of the command has not been reported yet; the first caller is to report it."""
         return self._pipe is None or self._last_word.acquire(blocking=False)
 
     def check(self) -> None:

@@ -169,7 +169,7 @@ def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
 
 
 def has_soft_tree(agent: Agent) -> bool:
-    """Whether the policy is a soft tree, so that `soft_view` can show it."""
+    """Return whether the policy is a soft tree, so that `soft_view` can show it."""
     return agent.config.policy == "sdt"
 
 

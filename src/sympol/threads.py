@@ -1,4 +1,4 @@
-"""How many threads JAX computes with on the processor: it decides the last digits of a sum, so all must agree."""
+"""The number of JAX's threads on the processor, which decides the last digits of large sums."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _SAID = ("PJRT_NPROC", "NPROC")
 
 
 def threads() -> int:
-    """What JAX computes with in a process started with this environment."""
+    """Return the number of threads that JAX uses in a process started with this environment."""
     for name in _SAID:
         if os.environ.get(name, "").isdigit():
             return int(os.environ[name])

@@ -101,14 +101,14 @@ def require_positive(**numbers: int) -> None:
 
 
 class Limits(NamedTuple):
-    """How large a tree may be: most comparisons before an answer, most nodes; None is no limit."""
+    """Limits of a tree's size: most comparisons before an answer, most nodes; None is no limit."""
 
     depth: int | None
     max_nodes: int | None
 
     @staticmethod
     def of(depth: int | None, max_nodes: int | None) -> Limits:
-        """What a user asked for; where nothing is said, `DEPTH`.
+        """Return the limits that a user set; a depth of `DEPTH` by default.
 
         Raises:
             ValueError: a depth below one, or a number of nodes that no tree with a question has.
