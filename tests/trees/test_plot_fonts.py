@@ -30,7 +30,7 @@ def named(feature: str, action: str = "go", category: str = "c") -> DecisionTree
 def test_boxes_are_announced_once(tmp_path, suffix):
     for tree in (named(CHINESE), named("x", CHINESE), named("x", "go", CHINESE)):
         with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("alpictures")
+            warnings.simplefilter("always")
             tree.plot(tmp_path / f"tree.{suffix}")
         (warning,) = said
         assert str(warning.message) == (

@@ -1,4 +1,4 @@
-"""The decision tree and what one does with it: NumPy only."""
+"""Decision trees as policies: their data, and functions that read, change, prove and export them. NumPy only."""
 
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
 from .groups import Group

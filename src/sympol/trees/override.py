@@ -1,4 +1,4 @@
-"""A rule on top of a tree: wherever a condition holds it is done, everywhere else what the tree does.
+"""Overrides: a rule on top of a tree that decides wherever a condition holds, and the nodes a condition concerns.
 
     edited = override(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
 
@@ -33,14 +33,22 @@ _MOST_QUESTIONS = 500
 
 
 class Edited(NamedTuple, Generic[TreeT]):
-    """A tree, and which of its nodes an edit made, so that they can be kept as they are when it is trained on."""
+    """An edited tree and the nodes that the edit made, which training can freeze."""
 
     tree: TreeT
     nodes: tuple[int, ...]
 
 
 def override(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
-    """Return the tree that takes an action wherever a condition holds, and acts as before everywhere else.
+    """Return the tree that takes an action wherever a condition holds and acts as before everywhere else.
+
+    Args:
+        tree: The tree.
+        condition: A property's ``when``, such as ``"pole angle > 0.1 and cart velocity > 0"``.
+        action: A name or a number; an option for each component; numbers where it is continuous.
+
+    Returns:
+        The edited tree and the numbers of the nodes that are the rule.
 
     Args:
         tree: The tree to change; it stays as it is.
@@ -51,9 +59,9 @@ def override(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
         The changed tree, and the numbers of the nodes that are the rule.
 
     Raises:
-        ValueError: the condition is none, names what the tree does not have, or can never hold; or there is no such
-            action.
-        TypeError: an action of another kind.
+        ValueError: If the condition cannot be parsed, names what the tree does not have, or never holds; or if there
+            is no such action.
+        TypeError: If the action is of another type.
     """
     rule = _marked(leaf_tree(tree, leaf_value(tree.actions, action)), visits=1)
     asked = parse_condition(condition, tree)
@@ -72,13 +80,19 @@ def override(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
 
 
 def nodes_reached_by(tree: BaseTree, condition: str) -> tuple[int, ...]:
-    """Return the nodes that observations come by of which a condition holds, in the order of the tree.
+    """Return the nodes that observations satisfying a condition reach.
 
-    The condition is a property's ``when``: ``"pole angle > 0.1 and cart velocity > 0"``. As long as these nodes stay
-    as they are, the tree does wherever the condition holds what it does now.
+    As long as these nodes stay as they are, so does the policy wherever the condition holds.
+
+    Args:
+        tree: The tree.
+        condition: A property's ``when``, such as ``"pole angle > 0.1 and cart velocity > 0"``.
+
+    Returns:
+        The numbers of the nodes, in order.
 
     Raises:
-        ValueError: the condition is none, names what the tree does not have, or can never hold.
+        ValueError: If the condition cannot be parsed, names what the tree does not have, or never holds.
     """
     meant = boxes_of(parse_condition(condition, tree), space(tree, bounds=False))
     if not len(meant):
@@ -91,14 +105,14 @@ def nodes_reached_by(tree: BaseTree, condition: str) -> tuple[int, ...]:
 
 
 class _Case(NamedTuple):
-    """One box of the condition, and what to ask to know whether an observation is in it."""
+    """One box of the condition, and the splits that decide whether an observation is in it."""
 
     box: Boxes
     questions: tuple[tuple[int, float], ...]
 
 
 def _questions(tree: BaseTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
-    """Features and thresholds, feature by feature, on one side of each of which the whole box is."""
+    """Return the splits, as features and thresholds, that separate a box from everything else."""
     asked: list[tuple[int, float]] = []
     low, high = box.low[0], box.high[0]
     for group in tree.groups:
@@ -116,14 +130,14 @@ def _questions(tree: BaseTree, box: Boxes, everything: Boxes) -> tuple[tuple[int
 
 @dataclass
 class _Growing(Generic[TreeT]):
-    """The work of putting a rule on top of a tree."""
+    """The construction of a rule on top of a tree."""
 
     rule: TreeT
     tree: TreeT
     n_questions: int = 0
 
     def grown(self, region: Boxes, cases: list[_Case]) -> TreeT:
-        """The questions that a region leaves open, the rule where they are all answered, else the tree."""
+        """Return the splits a region leaves undecided, with the rule where all hold and the tree elsewhere."""
         while cases and cases[0].box.intersect(region).is_empty[0]:
             cases = cases[1:]
         if not cases:
@@ -142,7 +156,7 @@ class _Growing(Generic[TreeT]):
 
 
 def _marked(tree: TreeT, *, visits: int) -> TreeT:
-    """The tree with a number at each leaf, and sums above, which pruning keeps."""
+    """Return the tree with this number of visits at each leaf, as marks that pruning preserves."""
     marks = np.where(tree.is_leaf, visits, 0)
     for node in np.flatnonzero(~tree.is_leaf)[::-1]:
         marks[node] = marks[tree.children_left[node]] + marks[tree.children_right[node]]

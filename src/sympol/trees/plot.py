@@ -1,4 +1,4 @@
-"""Trees as pictures.
+"""Pictures of trees.
 
 A small tree grows from the top down, its left branch where the answer is yes; one that would be too wide to read
 on a page grows from left to right, its upper branch where the answer is yes. Colours are told apart by people who
@@ -84,7 +84,7 @@ def plot(
 
 
 def arrange(tree: BaseTree, digits: int) -> tuple[Layout, list[Box]]:
-    """Lay the tree out with its boxes, see `lay_out`."""
+    """Return the layout and the boxes of a drawn tree, with ``digits`` significant digits of thresholds."""
     yes_is_right = np.array(
         [not leaf and asked_group(tree, i) is not None for i, leaf in enumerate(tree.is_leaf)]
     )
@@ -92,7 +92,7 @@ def arrange(tree: BaseTree, digits: int) -> tuple[Layout, list[Box]]:
 
 
 def _boxes(tree: BaseTree, digits: int, *, downward: bool) -> list[Box]:
-    """Word and colour every node; a leaf's share of visits goes where there is room: below, or behind."""
+    """Return a box for every node; the share of visits of a leaf goes below its action, or behind it."""
     colour, side = leaf_colours(tree), view_side(tree.groups)
     boxes: list[Box] = []
     for node in range(tree.n_nodes):
@@ -218,10 +218,14 @@ def _draw_edge(tree: BaseTree, layout: Layout, pen: Pen, parent: int, child: int
 
 
 class PathPictures:
-    """Pictures of a tree, each with the way to another leaf lit, as `plot` draws with ``highlight``.
+    """Pictures of a tree for films, each with the path to one leaf highlighted as `plot` does.
 
-    The pale tree is drawn once and a way is drawn over it: that takes as long as the way, not as the tree.
-    They are as large as ``dpi`` makes them, or as fits into ``most_pixels``, width and height.
+    The pale tree is drawn once and paths are drawn over it, which takes time in proportion to the path.
+
+    Args:
+        tree: The tree.
+        most_pixels: The largest width and height.
+        dpi: The resolution, reduced where the picture would be larger.
     """
 
     def __init__(self, tree: BaseTree, *, most_pixels: tuple[int, int], dpi: float) -> None:
@@ -241,7 +245,7 @@ class PathPictures:
         """Width and height."""
 
     def whole(self) -> UInt8[np.ndarray, "height width 3"]:
-        """Draw the tree, nothing lit."""
+        """Return the picture without a highlighted path."""
         with drawn_in(self._style):
             canvas = self._blank()
             draw(self._tree, self._layout, self._boxes, canvas.figure.axes[0])
@@ -249,7 +253,7 @@ class PathPictures:
         return self._pixels(canvas)
 
     def path_to(self, leaf: int) -> UInt8[np.ndarray, "height width 3"]:
-        """Draw the tree with the way to a leaf lit."""
+        """Return the picture with the path to a leaf highlighted."""
         lit: Bool[np.ndarray, " nodes"] = np.zeros(self._tree.n_nodes, bool)
         node = leaf
         while node >= 0:
@@ -282,7 +286,7 @@ class PathPictures:
 
 
 def _parents(tree: BaseTree) -> np.ndarray:
-    """Return each node's parent, -1 for the root."""
+    """Return the parent of each node, -1 for the root."""
     parents = np.full(tree.n_nodes, -1)
     for node in np.flatnonzero(~tree.is_leaf):
         parents[[tree.children_left[node], tree.children_right[node]]] = node

@@ -20,7 +20,7 @@ _MARGIN = 0.15
 
 
 class Drawable(Protocol):
-    """A node's box."""
+    """The box of a node."""
 
     @property
     def size(self) -> tuple[float, float]:
@@ -28,7 +28,7 @@ class Drawable(Protocol):
         ...
 
     def draw(self, pen: Pen, centre: Float[np.ndarray, " 2"]) -> None:
-        """Draw it around a place."""
+        """Draw the box around its centre."""
         ...
 
 
@@ -37,7 +37,7 @@ Boxes = TypeVar("Boxes", bound=Sequence[Drawable])
 
 @dataclass(frozen=True)
 class Layout:
-    """Centres and sizes of all boxes [nodes, 2], in inches from the upper left corner."""
+    """The centres and sizes of all boxes, [nodes, 2], in inches from the upper left corner."""
 
     centre: Float[np.ndarray, "nodes 2"]
     size: Float[np.ndarray, "nodes 2"]
@@ -54,7 +54,7 @@ def lay_out(
     boxes_when: Callable[[bool], Boxes],
     yes_is_right: Bool[np.ndarray, " nodes"] | None = None,
 ) -> tuple[Layout, Boxes]:
-    """Lay boxes out downward if that can be read on a page, and else to the right if that is better.
+    """Lay boxes out downward if that is readable on a page, else to the right if that is better.
 
     ``boxes_when`` makes a box for every node, told whether the tree grows downward.
     """

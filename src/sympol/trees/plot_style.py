@@ -69,7 +69,7 @@ def _characters(tree: BaseTree) -> set[str]:
 
 
 def _fonts_for(characters: set[str]) -> tuple[list[str], list[str]]:
-    """The families of fonts to look into, the pictures' own one first, and the characters that are in none."""
+    """Return font families that cover the characters, the default first, and the characters no font has."""
     from matplotlib import font_manager
 
     own = str(STYLE["font.family"])
@@ -96,13 +96,13 @@ def _fonts_for(characters: set[str]) -> tuple[list[str], list[str]]:
 
 
 def check_file(path: str | PathLike[str]) -> None:
-    """Raise ValueError for a file of a kind that no picture is saved as."""
+    """Raise ValueError unless the path ends in .svg, .pdf or .png."""
     if Path(path).suffix.lower() not in _METADATA:
         raise ValueError(f"a plot is saved as .svg, .pdf or .png, got {str(path)!r}")
 
 
 def save(figure: Figure, path: str | PathLike[str]) -> None:
-    """Save a figure, the same one always as the same bytes."""
+    """Save a figure; equal figures give equal bytes."""
     dpi = min(200.0, 20_000 / max(figure.get_size_inches()))
     path, drawn = Path(path), io.BytesIO()
     suffix = path.suffix.lower()

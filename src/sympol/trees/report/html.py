@@ -1,4 +1,4 @@
-"""The page of a tree alone: what there is to know without the run that made it."""
+"""The web page of a tree without the run that made it, and the programs it shows."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .page import write_page
 from .policy import policy_data
 
 LARGEST = 60_000
-"""Characters of one program; what is longer one rather exports than copies out of a page."""
+"""Most characters of one program; longer ones are exported instead of copied from a page."""
 LARGEST_SUM = 120_000
-"""Of all of them: they must not be most of the page."""
+"""Most characters of all programs together, so that they do not dominate the page."""
 
 
 def to_html(tree: BaseTree) -> str:
@@ -43,7 +43,7 @@ def to_html(tree: BaseTree) -> str:
 
 
 def size_facts(tree: BaseTree) -> list[list[Any]]:
-    """Say how large a tree is, as the head of a page does."""
+    """Return the size of a tree as pairs of number and unit for the head of a page."""
     return [[f"{tree.n_nodes:,}", "nodes"], [f"{tree.n_leaves:,}", "leaves"], [f"{tree.depth:,}", "depth"]]
 
 
