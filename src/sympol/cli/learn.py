@@ -22,7 +22,8 @@ from ..play import Episodes, play
 from ..runs.metrics import TensorBoard
 from ..runs.run import Run
 from ..training import finish, keep_in
-from .console import err, out, print_error, print_next, print_stopped, warnings_in_one_line, words_of
+from .console import err, out, print_error, print_stopped
+from .summary import format_summary, print_next
 
 EVAL_SEED = 1
 """Of the test episodes at the end of a training; training and validation have streams of their own."""
@@ -58,10 +59,7 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
 
     first, began = agent.num_timesteps, time.perf_counter()
     try:
-        with (
-            _ask_to_stop(has_begun, saved.words) as asked,
-            warnings_in_one_line(),
-        ):
+        with _ask_to_stop(has_begun, saved.words) as asked:
             if agent.num_timesteps < agent.config.total_timesteps:
                 agent.learn(callback=[still_wanted, keep_in(run), watch])
         if asked.is_set():
@@ -92,7 +90,7 @@ def show_result(run: Run, summary: dict[str, Any], as_json: bool) -> None:
         return
     if (run.path / "tree.txt").is_file():
         out.print(files.read_text(run.path / "tree.txt").rstrip("\n"), markup=False)
-    out.print(words_of(run, summary))
+    out.print(format_summary(run, summary))
     print_next(run)
 
 

@@ -1,4 +1,4 @@
-"""What a training on the command line starts from."""
+"""The arguments of ``sympol train`` about the tree it starts from."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from ..algorithms.warm_start import Start, start_of
 from ..envs.spec import EnvSpec
 from ..runs.metadata import CONFIG, RunError
 from ..runs.run import Run
-from .arguments import Train
+from .train import Train
 from .tree_io import tree_from
 
 
 def start_from(given: Train, spec: EnvSpec) -> Start | None:
-    """The tree that ``--start`` names, and how to train on from it in an environment.
+    """Return the tree that ``--start`` names, and how to start from it, or None without ``--start``.
+
+    Args:
+        given: The arguments of the command.
+        spec: The environment.
 
     Raises:
-        RunError: there is no tree.
-        ValueError: flags that need ``--start``, or that do not fit the tree; or a tree for something else.
+        RunError: There is no tree.
+        ValueError: A flag needs ``--start`` or does not fit the tree, or the tree does not fit the environment.
     """
     if given.start is None:
         alone = {"--freeze-nodes": given.freeze_nodes, "--freeze": given.freeze}
@@ -38,7 +42,7 @@ def start_from(given: Train, spec: EnvSpec) -> Start | None:
 
 
 def _known_return(path: Path) -> float | None:
-    """What the tree earned in its test episodes, if it is a finished run's."""
+    """Return the tree's mean return in test episodes, if it is a finished run's."""
     folder = path if path.is_dir() else path.parent
     if not (folder / CONFIG).is_file() or (path.is_file() and path.name != "policy.json"):
         return None
