@@ -10,7 +10,7 @@ from ..envs.origin import Origin
 from ..runs.metadata import CONFIG, RunError, require_no_import
 from ..runs.run import Run
 from ..trees import DecisionTree
-from ..trees.read_text import FENCE, read_header
+from ..trees.text_parser import FENCE, parse_document
 from .arguments import PlaysRun
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def tree_from(path: Path) -> DecisionTree:
 
 
 def _from_text(path: Path, text: str) -> DecisionTree:
-    header = read_header(text).content
+    header = parse_document(text).header
     if "features" in header:
         return DecisionTree.from_text(text)
     if "env" in header:

@@ -25,7 +25,6 @@ import json
 import os
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -261,7 +260,6 @@ class Run:
             RunError: The folder does not describe all of the environment, no such id is known here, or it needs a
                 module that must not be imported.
         """
-        from ..envs import native
         from ..envs.registry import UnknownEnvironment, resolve
         from ..envs.spec import EnvSpec
 
@@ -272,7 +270,6 @@ class Run:
         if self._env is not None and not is_named:
             return resolve(self._env, **names)
         backend = self.metadata["backend"]
-        without_numba = backend == "native" and not native.is_installed()
         remedy = (
             "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id"
         )
@@ -286,7 +283,8 @@ class Run:
                 name,
                 env_kwargs=origin.env_kwargs,
                 wrappers=origin.wrappers,
-                backend="host" if without_numba else backend,
+                backend=backend,
+                require_installed=False,
                 **names,
             )
         except UnknownEnvironment as error:
@@ -296,7 +294,6 @@ class Run:
             ) from error
         except (TypeError, ValueError) as error:
             raise RunError(f"{self.path / CONFIG}: {error}") from error
-        spec = replace(spec, is_native=True) if without_numba else spec
         return spec.trained_with(self.config.num_envs)
 
     @contextlib.contextmanager
