@@ -14,8 +14,7 @@ from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
 from .files import check, write
 from .frame_layout import Screen, Shot, env_picture
-from .rendering import frame_of, rendering
-from .steps import steps
+from .rendering import frame_of, rendering, steps
 
 MOST_FRAMES = 300
 """Of longer films every second step is left out, or three of four, …"""

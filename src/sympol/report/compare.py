@@ -15,10 +15,8 @@ from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.floats import printable
 from ..trees.report import policy_data, write_page
+from .data import check_test, policy_of, tests_data
 from .episodes import drawing_of, filmed
-from .page import check_test
-from .policies import policy_of
-from .wording import tests_data
 
 MOST = 6
 """Policies side by side."""

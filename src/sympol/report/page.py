@@ -12,12 +12,12 @@ import tomli_w
 
 from ..envs.spec import EnvSpec
 from ..play import Episodes, episode_seed, play
+from ..runs.formatting import format_return
 from ..runs.run import Run
 from ..trees.floats import printable
 from ..trees.report import policy_data, programs_data, size_facts, write_page
-from .checks import checks_data, properties_of
+from .data import check_test, checks_data, properties_of, tests_data
 from .episodes import drawing_of, filmed
-from .wording import return_words, tests_data
 
 _CURVES = {"eval/mean_reward": "validation, deterministic", "rollout/ep_rew_mean": "training, exploring"}
 
@@ -72,14 +72,6 @@ def report(
     return write_page(f"{spec.name}: a policy", "report", data)
 
 
-def check_test(episodes: int, seed: int) -> None:
-    """Raise ValueError for test episodes that there cannot be."""
-    if episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed}")
-
-
 def _player(
     tree: Any, spec: EnvSpec, tested: Episodes, seed: int, tell: Callable[[str], None]
 ) -> dict[str, Any]:
@@ -87,7 +79,7 @@ def _player(
     seeds = [episode_seed(seed, episode) for episode in chosen.values()]
     (played,), fps = filmed([tree], spec, seeds, tell)
     titles = [
-        f"{name}: return {return_words(episode['earned'][-1])} in {episode['length']:,} steps"
+        f"{name}: return {format_return(episode['earned'][-1])} in {episode['length']:,} steps"
         + (
             ", cut there"
             if episode["end"] == "stopped" and episode["length"] != spec.max_episode_steps
