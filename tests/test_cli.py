@@ -393,7 +393,7 @@ def test_an_environment_that_fails_in_the_middle(trouble, tmp_path, capsys, monk
     assert "Traceback" not in said.err
     assert lines[0].startswith("error: at training step ")
     assert lines[1].startswith("saved at step ")
-    assert lines[1].endswith(f"; go on with: sympol resume {tmp_path / 'run'}")
+    assert lines[1].endswith(f"; resume with: sympol resume {tmp_path / 'run'}")
     monkeypatch.setattr(Troubled, "trouble", None)
     assert status_of("resume", tmp_path / "run", "--json") == 0
     summary = json.loads(capsys.readouterr().out)

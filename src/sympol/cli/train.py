@@ -14,7 +14,7 @@ import tyro
 
 from ..algorithms.config import SIZE_LIMITS, Config
 from ..algorithms.presets import DEFAULT, preset
-from ..runs.metadata import RunError, file_name
+from ..runs.metadata import CONFIG, RunError, file_name
 from ..runs.run import Run
 from .arguments import EnvKwargs, Text, env_kwargs, parse
 from .console import err
@@ -22,6 +22,8 @@ from .tree_io import tree_from
 
 if TYPE_CHECKING:
     from ..agents import Agent
+    from ..algorithms.warm_start import Start
+    from ..envs.spec import EnvSpec
 
 
 @dataclass
@@ -96,10 +98,9 @@ def run(words: Sequence[str]) -> int:
     from ..runs.metrics import TensorBoard
     from .learn import learn
     from .resume import continue_run
-    from .warm_start_args import start_from
 
     spec = resolve(given.env, env_kwargs=env_kwargs(given.env_kwargs), backend=given.backend)
-    agent = agent_of(spec, given.config, given.seed, start_from(given, spec))
+    agent = agent_of(spec, given.config, given.seed, _start(given, spec))
     if given.resume:
         return continue_run(_same_run(given, agent), given.eval_episodes, given.json)
     if given.tensorboard:
@@ -151,6 +152,47 @@ def _fields_of(kind: type) -> list[tuple[str, Any, Any]]:
         (f.name, hints[f.name], "" if f.default is dataclasses.MISSING else f.default)
         for f in dataclasses.fields(kind)
     ]
+
+
+def _start(given: Train, spec: EnvSpec) -> Start | None:
+    """Return the tree that ``--start`` names, and how to start from it, or None without ``--start``.
+
+    Args:
+        given: The arguments of the command.
+        spec: The environment.
+
+    Raises:
+        RunError: There is no tree.
+        ValueError: A flag needs ``--start`` or does not fit the tree, or the tree does not fit the environment.
+    """
+    from ..algorithms.warm_start import Start, start_of
+
+    if given.start is None:
+        alone = {"--freeze-nodes": given.freeze_nodes, "--freeze": given.freeze}
+        for flag, value in alone.items():
+            if value:
+                raise ValueError(f"{flag} is about the tree to start from: give --start, too")
+        return None
+    start = Start(
+        tree_from(given.start),
+        freeze=given.freeze_nodes,
+        confidence=given.start_confidence,
+        critic_warmup=given.critic_warmup,
+        origin=str(given.start),
+        origin_return=_known_return(given.start),
+    )
+    return start_of(start, given.freeze or (), spec)
+
+
+def _known_return(path: Path) -> float | None:
+    """Return the tree's mean return in test episodes, if it is a finished run's."""
+    folder = path if path.is_dir() else path.parent
+    if not (folder / CONFIG).is_file() or (path.is_file() and path.name != "policy.json"):
+        return None
+    with contextlib.suppress(RunError):
+        value = (Run.open(folder).load_summary() or {}).get("return_mean")
+        return float(value) if isinstance(value, int | float) else None
+    return None
 
 
 def _same_run(given: Train, agent: Agent) -> Run:

@@ -34,17 +34,20 @@ def report(
 
     Args:
         run: The run.
-        episodes: Test episodes: those of `evaluate_policy` with the same seed. The worst, the median and the best
-            of them are in the page.
-        seed: Another seed, other episodes.
+        episodes: Number of test episodes, those of `evaluate_policy` with the same seed. The worst, the median and the
+            best are in the page.
+        seed: Seed of the episodes.
         properties: A file of properties to prove; by default RUN/safety.toml, if it is there.
-        progress: Told what is being done, in words.
+        progress: Called with a line of text about what is being done.
+
+    Returns:
+        The page, as HTML.
 
     Raises:
-        RunError: the run has no tree, or cannot be read.
-        ValueError: an argument out of bounds, an environment that Gymnasium does not have, or a file that holds no
-            properties of this tree.
-        OSError: that file cannot be read.
+        RunError: The run has no tree, or cannot be read.
+        ValueError: An argument is out of bounds, Gymnasium lacks the environment, or the file holds no properties of
+            this tree.
+        OSError: The file cannot be read.
     """
     check_test(episodes, seed)
     tell = progress or (lambda words: None)
