@@ -28,7 +28,8 @@ PACKAGE = "package"
 _FOREIGN = (".jpg", ".jpeg", ".gif", ".webp", ".bmp", ".tif", ".tiff", ".eps", ".html", ".htm", ".zip")
 """Suffixes that promise what no export writes."""
 OBSERVATIONS = 100_000
-"""What ``--check`` tries."""
+"""The observations of ``--check``."""
+STYLES = ", ".join(f"{name} {'|'.join(form.styles)}" for name, form in FORMATS.items() if form.styles)
 
 Write: TypeAlias = Callable[[Path], object]
 
@@ -50,8 +51,7 @@ class Export(PlaysRun):
     """The file, or the folder of a package; by default texts go to the standard output, pictures and models to
     RUN/tree.SUFFIX."""
 
-    style: str | None = None
-    """For C and JavaScript ifs or table; for SQL postgresql or sqlite."""
+    style: Annotated[str | None, tyro.conf.arg(help=f"How a program is written; {STYLES}.")] = None
 
     name: str | None = None
     """The prefix of names in C, and the name of an ONNX graph; policy by default. For a package its name, by default
@@ -152,25 +152,15 @@ def _soft_form(view: SoftView, given: Export) -> tuple[str | None, Write]:
 
 
 def _check(tree: DecisionTree, to: str, options: Mapping[str, Any]) -> None:
-    """Run the exported program on observations at the tree's boundaries; end the command if it differs."""
-    from ..trees.export.check import expected, run, trial_observations
+    """Check the exported program here, and print that it passed; end the command if it fails."""
+    from ..trees.export.check import check
 
-    if options.get("style") == "postgresql" or (to == "sql" and "style" not in options):
-        raise ValueError("--check has no PostgreSQL to run a query; add --style sqlite")
-    x = trial_observations(tree, OBSERVATIONS)
-    # the name is checked by the export; what is tried is called as the driver calls it
-    options = {key: value for key, value in options.items() if key != "name"}
     try:
-        different = (run(tree, to, x, **options).actions != expected(tree, x)).any(axis=1)
-        if different.any():
-            raise RuntimeError(
-                f"{to} differs from the tree on {different.sum():,} of {len(x):,} observations, first on "
-                f"{x[different.argmax()].tolist()}; please report this"
-            )
+        check(tree, to, OBSERVATIONS, **options)
     except RuntimeError as error:
         print_error(error)
         raise SystemExit(1) from None
-    err.print(f"checked: acts as the tree does on {len(x):,} observations", markup=False)
+    err.print(f"checked: acts as the tree does on {OBSERVATIONS:,} observations", markup=False)
 
 
 def _put(given: Export, written: str | bytes | None, draw: Write) -> None:
