@@ -38,18 +38,26 @@ def run(tmp_path_factory) -> Path:
     return path
 
 
+LARGEST = 60
+"""Megabytes of memory of a command that only reads, at most."""
+
+
 def imported(*words: object) -> set[str]:
-    """Run a command in a process of its own; return the heavy modules that it imported."""
+    """Run a command in a process of its own, in little memory; return the heavy modules that it imported."""
     code = (
         "import json, sys\nfrom sympol.cli.app import main\n"
         "try:\n    main(sys.argv[1:])\nexcept SystemExit as stop:\n    assert stop.code in (0, 1, 2)\n"
-        f"print(json.dumps([name for name in {HEAVY} if name in sys.modules]), file=sys.stderr)"
+        "status = open('/proc/self/status').read() if sys.platform == 'linux' else 'VmHWM: 0'\n"
+        "megabytes = int(status.partition('VmHWM:')[2].split()[0]) / 1024\n"
+        f"print(json.dumps([megabytes, [name for name in {HEAVY} if name in sys.modules]]), file=sys.stderr)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    return {*json.loads(done.stderr.splitlines()[-1])}
+    megabytes, modules = json.loads(done.stderr.splitlines()[-1])
+    assert megabytes < LARGEST
+    return set(modules)
 
 
 @pytest.mark.usefixtures("quick_compiles")
