@@ -143,5 +143,5 @@ def training_seconds(run: Run) -> float:
 
 
 def has_run(folder: Path) -> bool:
-    """Whether a run was begun there."""
+    """Return whether a folder contains a run."""
     return (folder / "config.toml").is_file()

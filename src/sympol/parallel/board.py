@@ -1,4 +1,4 @@
-"""What the three ways of doing tasks share: who is at work, what is done, what failed, what is left."""
+"""The state that all ways of running tasks share: workers, finished tasks, failures, and the rest."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Board:
         self._draw()
 
     def answer(self, task: Task, answer: str) -> None:
-        """What `perform` said of it."""
+        """Record the answer of `perform`."""
         content = json.loads(answer)
         if "error" in content:
             self.fail(task, content["error"], content["details"])
