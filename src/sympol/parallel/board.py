@@ -8,10 +8,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
+from ..console import PrintableConsole
 from ..interrupts import interrupts
 from .task import Failure, Result, Task, TasksFailed
 
@@ -35,7 +35,7 @@ class Board:
         self._over: set[str] = set()
         self._seconds: list[float] = []
         self._show = show
-        self._console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+        self._console = PrintableConsole(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         self._lines = show and not self._console.is_terminal
         self._bar = Progress(
             TextColumn("[bold]tasks[/]"),
