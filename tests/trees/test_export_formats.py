@@ -9,7 +9,7 @@ import pytest
 from sympol.trees.export import FORMATS, SUFFIXES, Format, format_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "guides" / "exports.md"
-BEGIN, END = "<!-- from FORMATS, by pytest --update-golden -->\n", "<!-- until here -->"
+BEGIN, END = "<!-- from FORMATS, by pytest --update-golden -->\n\n", "\n<!-- until here -->"
 
 
 def options_of(form: Format) -> str:
