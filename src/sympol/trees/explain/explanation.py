@@ -1,9 +1,4 @@
-"""Why a tree acts as it does in one observation, and what would have to be different for it to act otherwise.
-
-Three answers, each exact: the way through the tree, as one sentence; the smallest part of the observation that
-forces the action (`sympol.trees.sufficient_reason`); and for every other action the nearest observation that gets it
-(`sympol.trees.counterfactual`).
-"""
+"""Explanations of single decisions: the path through the tree, the reason, and the counterfactuals."""
 
 from __future__ import annotations
 
@@ -13,11 +8,11 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from .base import BaseTree
+from ..base import BaseTree
+from ..text import leaf_conditions, leaf_words
 from .counterfactual import Counterfactual, Norm, counterfactuals
-from .explanation_features import around
+from .neighborhood import neighborhood_of
 from .sufficient_reason import Reason, smallest_reason
-from .text import leaf_conditions, leaf_words
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -27,31 +22,35 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Why, and what else."""
+    """Why a tree takes an action in an observation, and what would make it take another.
+
+    Args:
+        observation: The observation, as the tree sees it: float32, subnormal numbers zero.
+        action: The action, as `DecisionTree.predict` returns it.
+        answer: The action in words.
+        leaf: The leaf in which the observation ends.
+        sentence: The path through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``
+        reason: The fewest features that force the action.
+        counterfactuals: The nearest observation for every other action, the nearest first.
+    """
 
     observation: Float32[np.ndarray, " features"]
-    """As the tree sees it: float32, subnormal numbers zero."""
     action: np.ndarray
     answer: str
-    """The action in words."""
     leaf: int
     sentence: str
-    """The way through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
     reason: Reason
     counterfactuals: tuple[Counterfactual, ...]
-    """One for every other action, the nearest first."""
 
     @property
     def reason_sentence(self) -> str:
         """The reason, as a sentence."""
-        if not self.reason.units:
+        if not self.reason.features:
             return f"Nothing is needed for {self.answer}: no observation gets another action."
-        return (
-            f"{self.reason.words} {'alone forces' if len(self.reason.units) == 1 else 'together force'} it."
-        )
+        return f"{self.reason.words} {'alone forces' if len(self.reason.features) == 1 else 'together force'} it."
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain JSON; infinite distances are null."""
+        """Return the explanation as plain JSON; infinite distances are null."""
         return {
             "observation": self.observation.tolist(),
             "action": np.asarray(self.action).tolist(),
@@ -72,7 +71,7 @@ class Explanation:
         }
 
     def __str__(self) -> str:
-        """All of it for people, a line each."""
+        """Return the sentences, one a line."""
         other = [f"{one.words}." for one in self.counterfactuals]
         return "\n".join([self.sentence, self.reason_sentence, *other])
 
@@ -89,27 +88,27 @@ def explain(
 
     Args:
         tree: The policy.
-        observation: What it saw, [features]; finite.
+        observation: The observation [features]; finite.
         immutable: Features and groups that no counterfactual may change, by name or position.
-        norm: How far observations are apart: ``"l1"``, ``"l0"`` or ``"linf"``.
-        scale: What counts as a change by 1, for features and groups, by name or position; 1 where it is not given.
+        norm: The measure of distance: ``"l1"``, ``"l0"`` or ``"linf"``.
+        scale: The change that counts as 1 for features and groups, by name or position; 1 by default.
 
     Raises:
-        ValueError: an observation that is not one of the tree's, or not finite; a feature that there is not, a scale
-            that is not positive, another norm.
-        TypeError: an observation that holds no numbers.
+        ValueError: If the observation has another shape or is not finite, a feature does not exist, a scale is not
+            positive and finite, or the norm is unknown.
+        TypeError: If the observation does not hold numbers.
     """
-    here = around(tree, observation)
-    here.x.setflags(write=False)
-    known = next(known for leaf, known in leaf_conditions(tree) if leaf == here.leaf)
-    answer = ", ".join(leaf_words(tree, here.leaf))
-    way = " and ".join(condition.words() for condition in known.values())
+    near = neighborhood_of(tree, observation)
+    near.x.setflags(write=False)
+    known = next(known for leaf, known in leaf_conditions(tree) if leaf == near.leaf)
+    answer = ", ".join(leaf_words(tree, near.leaf))
+    path = " and ".join(condition.words() for condition in known.values())
     return Explanation(
-        observation=here.x,
-        action=tree.leaf_actions[here.leaf],
+        observation=near.x,
+        action=tree.leaf_actions[near.leaf],
         answer=answer,
-        leaf=here.leaf,
-        sentence=f"{answer}, because {way}." if way else f"{answer}, always.",
-        reason=smallest_reason(tree, here),
-        counterfactuals=counterfactuals(tree, here, immutable=immutable, norm=norm, scale=scale),
+        leaf=near.leaf,
+        sentence=f"{answer}, because {path}." if path else f"{answer}, always.",
+        reason=smallest_reason(tree, near),
+        counterfactuals=counterfactuals(tree, near, immutable=immutable, norm=norm, scale=scale),
     )
