@@ -50,7 +50,11 @@ class Explanation:
         return f"{self.reason.words} {'alone forces' if len(self.reason.features) == 1 else 'together force'} it."
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the explanation as plain JSON; infinite distances are null."""
+        """Return the explanation as plain JSON.
+
+        Returns:
+            A dictionary that `json.dumps` accepts; infinite distances are None.
+        """
         return {
             "observation": self.observation.tolist(),
             "action": np.asarray(self.action).tolist(),
@@ -92,6 +96,9 @@ def explain(
         immutable: Features and groups that no counterfactual may change, by name or position.
         norm: The measure of distance: ``"l1"``, ``"l0"`` or ``"linf"``.
         scale: The change that counts as 1 for features and groups, by name or position; 1 by default.
+
+    Returns:
+        The path, the smallest sufficient reason, and the counterfactuals.
 
     Raises:
         ValueError: If the observation has another shape or is not finite, a feature does not exist, a scale is not
