@@ -16,13 +16,13 @@ from ..bench.bench import only_one
 from ..envs.registry import resolve
 from ..interrupts import interrupts
 from ..runs.about import RunError, file_name
-from ..search.front.config import SHARES, Plan
+from ..search.front.config import SHARES, SearchConfig
 from ..search.front.files import fields_of, point_fields
 from ..search.front.front import Front
 from ..search.front.plot import plot
-from ..search.front.progress import Live
+from ..search.front.progress import LiveProgress
 from ..search.front.search import PLAN, begin, search
-from ..search.front.tables import next_steps, spent_words, table
+from ..search.front.tables import format_cost, next_steps, table
 from ..threads import cores, use_one_thread
 from .arguments import Text
 from .console import err, one_line_errors, out, print_steps, print_stopped, program, warnings_in_one_line
@@ -41,7 +41,7 @@ class Pareto:
 
     Two minutes, at most 15 nodes: sympol pareto CartPole-v1 --budget 2m --max-nodes 15
 
-    What training alone finds: sympol pareto CartPole-v1 --roads scratch
+    What training alone finds: sympol pareto CartPole-v1 --methods scratch
     """
 
     env: Text
@@ -57,7 +57,9 @@ class Pareto:
     seed: int = 0
     """Of everything random."""
 
-    roads: tuple[Literal["scratch", "teacher", "evolve"], ...] = tuple(SHARES)  # pyright: ignore[reportAssignmentType]
+    methods: Annotated[
+        tuple[Literal["scratch", "teacher", "evolve"], ...], tyro.conf.arg(aliases=["--roads"])
+    ] = tuple(SHARES)  # pyright: ignore[reportAssignmentType]
     """What to try: scratch (trees trained by PPO), teacher (an MLP, distilled, pruned, polished), evolve (changes
     at random of whatever the others found, or of random trees)."""
 
@@ -100,13 +102,13 @@ def pareto(arguments: Sequence[str]) -> int:
     if given.workers < 0:
         raise ValueError(f"--workers must be at least 1, or 0 for one a core, got {given.workers}")
     use_one_thread()
-    plan = Plan(
+    plan = SearchConfig(
         env=given.env,
         env_kwargs=env_kwargs(given.env_kwargs),
         seed=given.seed,
         max_nodes=given.max_nodes,
         budget=given.budget,
-        roads=given.roads,
+        methods=given.methods,
         teacher=given.teacher,
         trainings=given.trainings,
         teachers=given.teachers,
@@ -128,7 +130,7 @@ def pareto(arguments: Sequence[str]) -> int:
         markup=False,
     )
     try:
-        with Live(plan, folder, err) as live, warnings_in_one_line():
+        with LiveProgress(plan, folder, err) as live, warnings_in_one_line():
             front = search(plan, folder, workers=given.workers or min(2, cores()), watch=live.watch)
     except KeyboardInterrupt:
         print_stopped(f"stopped; the same command goes on, as long as {shlex.quote(str(folder))} is there")
@@ -145,5 +147,5 @@ def _show(front: Front, folder: Path, *, as_json: bool) -> None:
         print(json.dumps({**fields_of(front), "points": points, "folder": str(folder)}))
         return
     out.print(table(front))
-    out.print(f"\nall of it: {spent_words(front.spent)}", markup=False)
+    out.print(f"\nall of it: {format_cost(front.cost)}", markup=False)
     print_steps([*next_steps(front, folder, program()), (str(picture), "the picture")])

@@ -1,10 +1,10 @@
-"""The arena of a world so small that all of it is known (`sympol.envs.minigrid.reach`): episodes are looked up.
+"""The evaluator of a world so small that all of it is known (`sympol.envs.minigrid.reach`): episodes are looked up.
 
 What a tree does is asked once for each observation that there is. An episode then is a walk through a table of where
 each action leads. Where a walk comes by the same state again it goes round for ever, as nothing else is remembered:
 it has earned nothing when its time is over, and need not be followed till then (Brent's algorithm finds that).
 
-Episodes, returns and lengths are those of `CompiledArena`, to the bit.
+Episodes, returns and lengths are those of `JaxEvaluator`, to the bit.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from ...envs.minigrid import MiniGrid, reach
 from ...envs.spec import EnvSpec
 from ...play import WORDS
 from ...trees import DecisionTree
-from .base import Arena, Played, Purpose
-from .batched_rollouts import keys_of
-from .stacked_trees import Packed, answers
+from .base import Evaluator, Purpose, Returns
+from .jax import keys_of
+from .packed_trees import StackedTrees, leaf_actions
 
 ASKED = 1 << 16
 """Observations that trees are asked about in one go, those of each tree counted."""
@@ -45,7 +45,7 @@ class World(NamedTuple):
 
     def walk(
         self, act: Int[np.ndarray, "policies observations"], starts: Int[np.ndarray, " starts"]
-    ) -> Played:
+    ) -> Returns:
         """What each policy, an action for each observation, earns from each state, and in how many steps."""
         successor, limit = self.graph.successor, len(self.rewards) - 1
         job = np.arange(len(act) * len(starts))
@@ -65,7 +65,7 @@ class World(NamedTuple):
             if time & (time - 1) == 0:
                 mark = state
         shape = len(act), len(starts)
-        return Played(returns.reshape(shape), lengths.reshape(shape))
+        return Returns(returns.reshape(shape), lengths.reshape(shape))
 
     def way(self, act: Int[np.ndarray, " observations"], start: int) -> list[int]:
         """The states in which a policy acts, from one on until the episode is over."""
@@ -90,7 +90,7 @@ def world_of(env: Any) -> World | None:
     return World(graph, observations, sees.astype(np.int32), number, env.rewards)
 
 
-class TableArena(Arena):
+class TabularEvaluator(Evaluator):
     """See the module. For environments that have a `world_of` theirs."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
@@ -102,12 +102,12 @@ class TableArena(Arena):
         self._key = np.array([WORDS[purpose], seed], np.uint32)
         self._begun: dict[range, Int[np.ndarray, " episodes"]] = {}
 
-    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         starts, episode = np.unique(self.starts(episodes), return_inverse=True)
         rows = max(1, ASKED // len(self.world.observations))
         acts = (self._actions(trees[i : i + rows]) for i in range(0, len(trees), rows))
         parts = [self.world.walk(act, starts) for act in acts]
-        return Played(*(np.concatenate(part)[:, episode] for part in zip(*parts, strict=True)))
+        return Returns(*(np.concatenate(part)[:, episode] for part in zip(*parts, strict=True)))
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
         act = self._actions([tree])[0]
@@ -125,11 +125,11 @@ class TableArena(Arena):
 
     def _actions(self, trees: Sequence[DecisionTree]) -> Int[np.ndarray, "trees observations"]:
         """What each tree does on each observation."""
-        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
         shape = len(trees), len(self.world.observations)
         tree = np.repeat(np.arange(shape[0]), shape[1])
         node = packed.apply(tree, np.tile(self.world.observations, (shape[0], 1)))
-        return answers(packed, self.spec)[tree, node].reshape(shape)
+        return leaf_actions(packed, self.spec)[tree, node].reshape(shape)
 
 
 @lru_cache(maxsize=4)

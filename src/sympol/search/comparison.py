@@ -1,29 +1,75 @@
-"""Does one tree earn as much as another? Asked of as few episodes as it takes.
+"""What trees earn in the first so many of a row of episodes; what was played once is not played again.
+
+Does one tree earn as much as another? Asked of as few episodes as it takes.
 
 Both play the same numbered episodes, so what counts is the difference in each. After 32 episodes, 64, 128, … we look:
 are the differences, in the mean, above ``-margin``, or below? Each look is a pair of one-sided t-tests. Looking often
 finds something by chance more often, and so does trying many candidates; so the error that is allowed, ``alpha``, is
-divided by the number of looks and of candidates (Bonferroni's inequality, see Dunn, "Multiple comparisons among means",
-1961). It holds however looks and candidates hang together, and it is cautious: they have much in common. (Designs for
+divided by the number of interim_sizes and of candidates (Bonferroni's inequality, see Dunn, "Multiple comparisons among means",
+1961). It holds however interim_sizes and candidates hang together, and it is cautious: they have much in common. (Designs for
 looking often, as Pocock's of 1977, are sharper, for normal differences.)
 
 With differences that are far from normal the t-test is only nearly right. The worst case is the usual one: a change
 that matters in one episode of a hundred, and in none of the first. Episodes in which nothing differs therefore prove
 nothing: as long as there are no others, the next look is awaited, up to the last.
+
+
+Many changed trees against the one that was changed: successive halving (Jamieson and Talwalkar 2016).
+
+All play a few episodes, the better half of them twice as many, and so on, always the same episodes as the tree itself.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from statistics import NormalDist
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float, Float32, Shaped
 
 from ..trees import DecisionTree
-from .scores import Scores
+from .evaluators.base import Evaluator
+
+
+class ReturnCache:
+    """Returns by tree, of the episodes from ``first_episode`` on."""
+
+    def __init__(self, evaluator: Evaluator, first_episode: int = 0) -> None:
+        self.evaluator, self.first_episode = evaluator, first_episode
+        self._known: dict[DecisionTree, Float32[np.ndarray, " episodes"]] = {}
+
+    def of(self, tree: DecisionTree, number: int) -> Float32[np.ndarray, " episodes"]:
+        """Of one tree, in the first ``number`` episodes."""
+        return self.of_all([tree], number)[0]
+
+    def of_all(
+        self, trees: Sequence[DecisionTree], number: int, *, like: DecisionTree | None = None
+    ) -> Float32[np.ndarray, "trees episodes"]:
+        """Of many trees, in the first ``number`` episodes; they play together those that they have not played.
+
+        ``like`` is a tree that most of them mostly do as, if there is one: see `Evaluator.play_variants`.
+        """
+        by_played: dict[int, dict[DecisionTree, None]] = {}
+        for tree in trees:
+            played = len(self._known.get(tree, ()))
+            if played < number:
+                by_played.setdefault(played, {})[tree] = None
+        for played, some in by_played.items():
+            more = range(self.first_episode + played, self.first_episode + number)
+            playing = [tree for tree in some if tree != like]
+            if like is None:
+                returns = self.evaluator.play(playing, more).returns
+            else:
+                returns = self.evaluator.play_variants(like, playing, more).returns
+                playing.insert(0, like)
+            for tree, new in zip(playing, returns, strict=True):
+                if tree in some:
+                    known = self._known[tree] if played else new[:0]
+                    self._known[tree] = np.concatenate([known, new])
+        return np.stack([self._known[tree][:number] for tree in trees])
+
 
 FIRST, LAST = 32, 1024
 """Episodes of the first look, and of the last."""
@@ -67,7 +113,7 @@ def compare(
         ValueError: a margin below 0, an ``alpha`` that is no chance, fewer than 2 episodes or candidates below 1.
     """
     _check(margin, alpha, candidates, first, last)
-    numbers = looks(first, last)
+    numbers = interim_sizes(first, last)
     bound = upper_quantile(alpha / (len(numbers) * candidates), np.array(numbers) - 1)
     answer, mean = "equal", 0.0
     for number, factor in zip(numbers, bound.tolist(), strict=True):
@@ -83,7 +129,7 @@ def compare(
     return Comparison(answer, mean, last, margin)
 
 
-def compare_trees(scores: Scores, tree: DecisionTree, other: DecisionTree, **how: float) -> Comparison:
+def compare_trees(scores: ReturnCache, tree: DecisionTree, other: DecisionTree, **how: float) -> Comparison:
     """Does ``other`` earn as much as ``tree``? ``how`` is as of `compare`, which says what is raised."""
 
     def differences(number: int) -> Float[np.ndarray, " episodes"]:
@@ -93,7 +139,7 @@ def compare_trees(scores: Scores, tree: DecisionTree, other: DecisionTree, **how
     return compare(differences, **how)  # pyright: ignore[reportArgumentType]
 
 
-def looks(first: int, last: int) -> list[int]:
+def interim_sizes(first: int, last: int) -> list[int]:
     """Episodes after which to look: ``first``, twice as many, …, ``last``."""
     numbers = [min(first, last)]
     while numbers[-1] < last:
@@ -128,3 +174,30 @@ def _check(margin: float, alpha: float, candidates: int, first: int, last: int) 
         raise ValueError(
             f"a comparison needs 2 episodes at least, and no more at first than at last, got {first} and {last}"
         )
+
+
+def successive_halving(
+    scores: ReturnCache,
+    tree: DecisionTree,
+    others: Sequence[DecisionTree],
+    *,
+    keep: int,
+    first: int,
+    last: int,
+    key: Callable[[float, int], Any] = lambda loss, _: loss,
+) -> list[tuple[float, int]]:
+    """The best of ``others`` and what they earn less than ``tree``, as pairs of the loss and the position.
+
+    Until at most ``keep`` are left or ``last`` episodes are played. Those come first whose ``key``, of loss and
+    position, is least.
+    """
+    field = [(0.0, i) for i in range(len(others))]
+    for number in interim_sizes(first, last):
+        returns = scores.of_all([tree, *(others[i] for _, i in field)], number, like=tree)
+        means = returns.mean(axis=1, dtype=np.float64)
+        field = [(float(means[0] - mean), i) for mean, (_, i) in zip(means[1:], field, strict=True)]
+        field.sort(key=lambda each: key(*each))
+        if len(field) <= keep or number == last:
+            break
+        field = field[: max(keep, len(field) // 2)]
+    return field
