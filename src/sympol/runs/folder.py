@@ -6,7 +6,7 @@
 | `metrics.csv` | a row a validation |
 | `checkpoints/` | the newest two states of the training |
 | `start.json` | the tree that the training started from, if it did; `[run.start]` of the config says where it is from |
-| `policy.json` | the tree (docs/tree-json.md) |
+| `policy.json` | the tree (docs/guides/tree-json.md) |
 | `policy.py`, `tree.txt`, `tree.svg` | the tree as a program, as text, as a picture |
 | `summary.json` | what it earns, how big it is, how long it took |
 

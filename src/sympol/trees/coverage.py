@@ -6,8 +6,8 @@ import numpy as np
 
 from .boxes import node_boxes, space
 from .tree import DecisionTree
-from .verify.language import parse_condition
-from .verify.logic import boxes_of
+from .verify.conditions import boxes_of
+from .verify.grammar import parse_condition
 
 
 def nodes_met(tree: DecisionTree, condition: str) -> tuple[int, ...]:

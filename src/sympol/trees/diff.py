@@ -18,7 +18,7 @@ from .edit import require_same_space, subtree, subtree_end
 from .format_region import region_words
 from .text import leaf_words, question
 from .tree import DecisionTree
-from .verify.arrivals import send
+from .verify.conditions import propagate
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -189,7 +189,7 @@ def regions(before: DecisionTree, after: DecisionTree, node: int = 0) -> Iterato
     # some leaves after the others: all at once could be very many regions
     at_once = max(1, _AT_ONCE // (after.n_leaves * max(before.n_features, 1)))
     for some in np.array_split(below, -(-len(below) // at_once)):
-        ends = send(boxes[some], after)
+        ends = propagate(boxes[some], after)
         for j in np.argsort(ends.origin, kind="stable"):
             leaf, end = int(leaves[some[ends.origin[j]]]), int(ends.leaf[j])
             if _acts(before, leaf) != _acts(after, end):

@@ -2,7 +2,7 @@
 
     forced = force(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
 
-The condition is a property's ``when`` (`sympol.trees.verify.language`). Each of its cases becomes a chain of
+The condition is a property's ``when`` (`sympol.trees.verify.grammar`). Each of its cases becomes a chain of
 questions from the root down, where every other answer leads on to the tree as it was, without what the questions
 above have decided. So the rule adds few nodes to a small tree, and holds by construction: `verify` proves it.
 
@@ -25,9 +25,8 @@ from .name_lookup import Action, leaf_value
 from .prune import prune
 from .reading import CATEGORY
 from .tree import DecisionTree
-from .verify.arrivals import sides
-from .verify.language import parse_condition
-from .verify.logic import boxes_of
+from .verify.conditions import boxes_of, split_boxes
+from .verify.grammar import parse_condition
 
 _MOST_QUESTIONS = 500
 """Cases that have nothing to do with each other multiply; a rule of more questions is none that somebody reads."""
@@ -103,7 +102,7 @@ class _Growing:
         if not cases:
             return self.tree
         for feature, threshold in cases[0].questions:
-            left, right = sides(region, np.array([feature]), np.array([threshold], np.float32))
+            left, right = split_boxes(region, np.array([feature]), np.array([threshold], np.float32))
             if not left.is_empty[0] and not right.is_empty[0]:
                 self.n_questions += 1
                 if self.n_questions > _MOST_QUESTIONS:

@@ -21,8 +21,8 @@ the caller, or the text itself in a header, which is TOML between two lines ``++
       yes: push left
       no: push right
 
-The header's ``features``, ``groups``, ``actions`` and ``meta`` are those of the JSON (docs/tree-json.md), where a
-feature may be just its name and discrete actions just a list of theirs.
+The header's ``features``, ``groups``, ``actions`` and ``meta`` are those of the JSON (docs/guides/tree-json.md), where
+a feature may be just its name and discrete actions just a list of theirs.
 """
 
 from __future__ import annotations

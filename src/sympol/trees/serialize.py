@@ -1,4 +1,4 @@
-"""Trees as strict JSON, described for other programs in docs/tree-json.md.
+"""Trees as strict JSON, described for other programs in docs/guides/tree-json.md.
 
 ```
 {"format": "sympol.tree", "version": 1,

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
     from .counterfactual import Norm
     from .explain import Explanation
-    from .verify.properties import Said
-    from .verify.verdict import Verdict
+    from .verify.properties import PropertyLike, Verdict
 
 
 @final
@@ -228,14 +227,14 @@ class DecisionTree:
         small = prune(self, bounds=bounds, merge=merge)
         return small if observations is None else prune_on(small, observations, merge=merge)
 
-    def verify(self, *said: Said) -> tuple[Verdict, ...]:
+    def verify(self, *properties: PropertyLike) -> tuple[Verdict, ...]:
         """Prove rules such as ``"when pole angle > 0.1 then action is push right"``: see `sympol.trees.verify`.
 
         Each is a rule, a `sympol.trees.verify.Property`, or the path of a file of properties.
         """
         from .verify import verify
 
-        return verify(self, said)
+        return verify(self, properties)
 
     def explain(
         self,

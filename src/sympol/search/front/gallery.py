@@ -151,7 +151,7 @@ def page(tasks: Sequence[Sequence[Front]], parts: Sequence[Sequence[Sequence[Fro
         "A tree is chosen by what it earns in validation and tested once. A test return is the mean over test "
         "episodes of a deterministic tree, played on the original environments; mean ± standard deviation is over "
         "whole runs, in brackets the nodes of each run's tree. Bold: the mean is what was asked. What is drawn and "
-        "how to read it: [the front](pareto.md).",
+        "how to read it: [the front](guides/pareto.md).",
         "![The fronts of all tasks, and their smallest trees](images/fronts/gallery.svg)",
         *(_section(fronts, list(some)) for fronts, some in itertools.zip_longest(tasks, parts, fillvalue=())),
     ]

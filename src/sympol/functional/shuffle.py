@@ -1,43 +1,13 @@
-"""How the rollout and the batch grow, and which samples make a batch.
-
-A rollout is a whole number of *chunks*, each of one fixed shape, so that one compiled program serves every
-stage: growing changes how many chunks a loop visits, never a shape.
-"""
+"""Random permutations of the samples of a rollout that grows, without ever sorting more than one chunk."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Int, PRNGKeyArray
-
-NUM_STAGES = 8
-
-
-def stage(timestep: Any, total_timesteps: int, max_stage: int) -> Any:
-    """The exponent k of ``n_k = n_init · 2^k``: eight equal stages, k = ⌈8(t+1)/(T+1)⌉ − 1.
-
-    It stops growing at ``max_stage``. ``timestep`` is a Python int, or an int32 scalar inside a program.
-    """
-    if isinstance(timestep, int):
-        return min((NUM_STAGES * timestep + NUM_STAGES - 1) // (total_timesteps + 1), max_stage)
-    # the same in unsigned whole numbers, so that T may go up to 2^29
-    k = (jnp.uint32(NUM_STAGES) * timestep.astype(jnp.uint32) + jnp.uint32(NUM_STAGES - 1)) // jnp.uint32(
-        total_timesteps + 1
-    )
-    return jnp.minimum(k, jnp.uint32(max_stage)).astype(jnp.int32)
-
-
-def num_minibatches(chunk_size: int, minibatch_size: int) -> int:
-    """The largest number of equal minibatches of a chunk with at least ``minibatch_size`` samples each.
-
-    Every sample is used exactly once an epoch, so the number divides the chunk; a chunk that is too small is one
-    batch.
-    """
-    most = max(1, chunk_size // minibatch_size)
-    return next(n for n in range(most, 0, -1) if chunk_size % n == 0)
 
 
 class Shuffle(NamedTuple):
