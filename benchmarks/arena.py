@@ -100,7 +100,7 @@ def measured(name: str, given: argparse.Namespace) -> dict[str, Rate]:
     arenas = {"": make_evaluator(spec, 0)}
     if isinstance(arenas[""], TabularEvaluator):
         arenas = {"": JaxEvaluator(spec, 0), ", looked up": arenas[""]}
-    if spec.is_native:
+    if spec.native is not None:
         arenas[", Gymnasium"] = make_evaluator(resolve(name, backend="host"), 0)
     calls = {
         size + how: playing(arena, random_trees(spec, depth, num), episodes)

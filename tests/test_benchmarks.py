@@ -10,7 +10,7 @@ import pytest
 from benchmarks import minigrid, small_grids, timing
 
 from sympol.envs.minigrid import TASKS, make, make_host
-from sympol.envs.minigrid.reach import all_starts
+from sympol.envs.minigrid.state_graph import all_starts
 from sympol.search.front.gallery import load_all
 from sympol.search.front.references import targets
 from sympol.trees import DecisionTree, DiscreteActions

@@ -9,7 +9,7 @@ import numpy as np
 
 from sympol.search.evaluators.packed_trees import ALL, MAX_LEAVES, BitmaskTrees
 
-from .loops import spec_of
+from .loops import grown, spec_of
 
 
 def test_bits_are_the_leaf_that_walking_ends_in():

@@ -20,7 +20,7 @@ from sympol.search.evaluators.base import Evaluator, Returns, make_evaluator
 from sympol.search.evaluators.packed_trees import MAX_LEAVES
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 
-from .loops import SEED, assert_same, jax_loop, looped, of_parity, spec_of
+from .loops import SEED, assert_same, grown, jax_loop, looped, of_parity, spec_of
 from .worlds import Broken, Endless, NoisyWalk
 
 

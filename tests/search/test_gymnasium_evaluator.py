@@ -13,7 +13,7 @@ from sympol.play import episode_seed, play
 from sympol.search.evaluators import gymnasium as hosted
 from sympol.search.evaluators.base import make_evaluator
 
-from .loops import SEED
+from .loops import SEED, grown
 
 
 def test_on_gymnasium_it_is_what_play_brings():

@@ -13,7 +13,7 @@ from sympol.search.evaluators.native import NativeEvaluator
 from sympol.search.insert_splits import apply_insertions as planted
 from sympol.search.insert_splits import sample_insertions
 
-from .loops import SEED
+from .loops import SEED, grown
 
 
 @pytest.mark.parametrize("name", ["LunarLander-v3", "LunarLanderContinuous-v3"])

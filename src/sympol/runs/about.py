@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ import tomli_w
 from .. import __version__, files
 from ..algorithms.config import Config, ConfigError
 from ..bounded import parse_toml
-from ..envs import native
 from ..envs.origin import Origin
 from ..envs.spec import EnvSpec
 from ..trees import Group
@@ -198,7 +198,7 @@ def _group_to_toml(group: Group) -> dict[str, Any]:
 def versions() -> dict[str, str]:
     """Of everything that a result may depend on."""
     found = {"python": platform.python_version(), "sympol": __version__}
-    some = ("numba",) if native.is_installed() else ()
+    some = ("numba",) if find_spec("numba") else ()
     for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy", *some):
         try:
             found[package] = version(package)

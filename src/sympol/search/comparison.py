@@ -1,22 +1,19 @@
-"""What trees earn in the first so many of a row of episodes; what was played once is not played again.
+"""Compare trees on shared episodes, with as few episodes as it takes.
 
-Does one tree earn as much as another? Asked of as few episodes as it takes.
+All trees play the same numbered episodes, so only the paired differences matter. A `ReturnCache` plays no tree
+twice in an episode. `compare` looks after 32 episodes, 64, 128, …: is the mean difference above ``-margin``, or
+below? Each look is a pair of one-sided t-tests. Repeated looks and many candidates find something by chance
+more often, so the allowed error ``alpha`` is divided by the number of looks and of candidates (Bonferroni's
+inequality; Dunn, "Multiple comparisons among means", 1961). That holds however looks and candidates depend on
+each other, and is conservative, as they have much in common. (Group-sequential designs such as Pocock's of 1977
+are sharper, for normal differences.)
 
-Both play the same numbered episodes, so what counts is the difference in each. After 32 episodes, 64, 128, … we look:
-are the differences, in the mean, above ``-margin``, or below? Each look is a pair of one-sided t-tests. Looking often
-finds something by chance more often, and so does trying many candidates; so the error that is allowed, ``alpha``, is
-divided by the number of interim_sizes and of candidates (Bonferroni's inequality, see Dunn, "Multiple comparisons among means",
-1961). It holds however interim_sizes and candidates hang together, and it is cautious: they have much in common. (Designs for
-looking often, as Pocock's of 1977, are sharper, for normal differences.)
+The t-test is only approximate for differences far from normal. The usual worst case is a change that matters in
+one episode of a hundred and in none of the first. Episodes in which nothing differs therefore prove nothing:
+while there are no others, the next look is awaited, up to the last.
 
-With differences that are far from normal the t-test is only nearly right. The worst case is the usual one: a change
-that matters in one episode of a hundred, and in none of the first. Episodes in which nothing differs therefore prove
-nothing: as long as there are no others, the next look is awaited, up to the last.
-
-
-Many changed trees against the one that was changed: successive halving (Jamieson and Talwalkar 2016).
-
-All play a few episodes, the better half of them twice as many, and so on, always the same episodes as the tree itself.
+`successive_halving` (Jamieson and Talwalkar 2016) ranks many variants of a tree: all play a few episodes, the
+better half twice as many, and so on, always the same episodes as the tree itself.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""The best trees of each size, a few of each: what evolution remembers.
+"""Evolution: mutate trees at random and keep the best of each size.
 
-Evolution: change trees at random, keep the best of each size.
-
-An archive holds a few trees of each size (as MAP-Elites does, Mouret and Clune 2015, with size as what tells them
-apart). Its trees are changed, also in size, and play against those they could take the place of, in the same
-episodes. Most changes are for the worse, and a few episodes show it: of all candidates a quarter goes on to more
-episodes, and a quarter of these to all. Every few generations there are other episodes, and all that is kept plays
-those, so that nothing is kept for having been lucky.
+The archive holds a few trees of each size (as MAP-Elites does, Mouret and Clune 2015, with size as the
+descriptor). Its trees are mutated, also in size, and compete with those they could replace, on the same
+episodes. Most mutations are for the worse, and a few episodes show it: a quarter of all candidates plays more
+episodes, and a quarter of these all of them. Every few generations, an epoch, the episodes change and
+everything in the archive is played again, so that nothing stays because it was lucky.
 """
 
 from __future__ import annotations

@@ -1,29 +1,19 @@
-"""How a tree can grow: a question above a node, where one side goes on as before and the other gets an answer.
+"""Insert splits by return: a tree gets the additional splits that earn it most.
 
-Above a leaf that splits it. Above an inner node it takes a part of what comes there away from all that is below, which
-else many leaves would have to split off together.
+This is the inverse of `sympol.search.prune_by_return`. Where a tree is small and its thresholds are as good as
+they can be, its splits are what limits it. In each step of `insert_splits`
 
+1. random splits with a new leaf are drawn (`sample_insertions`) and ranked by successive halving;
+2. the best few that gain anything are inserted: four, two, one or none, whichever earns most in other episodes.
 
-Growing by return: a tree gets more questions, those that earn it most.
+An insertion above a leaf splits it. Above an inner node it takes a part of the observations away from
+everything below, which many leaves would otherwise have to split off together. Few insertions gain anything,
+and which ones do is blurred by chance, so an inserted split need not be good. Pruned by return afterwards, the
+tree keeps what it can least do without.
 
-The way back from `sympol.search.prune_by_return`. Where a tree is small and its numbers are as good as they
-can be, what it
-asks is what limits it. In each step
-
-1. random questions with an answer of their own are drawn (`sympol.search.insert_splits`) and successive_halving
-(`sympol.search.comparison`);
-2. the best few of those that earn anything are planted: all, or two, or one, or none, whichever earns most in other
-   episodes.
-
-Most questions cost something, few earn something, and which those are is seen through much luck: so what was planted
-need not be good. Pruned by return afterwards, the tree keeps what it can least do without.
-
-
-Other questions for a tree that has as many as it may: it grows, is polished, pruned back and polished again.
-
-Polishing mutator thresholds, but asks what was asked before; pruning only takes away. Together with growing they change
-what a tree asks, and it keeps its size: a quarter more nodes are planted, and the least useful ones go, which need
-not be those that were planted. FinetuneProgress in between, new questions show what they are worth before any has to go.
+`resplit` exchanges splits at a given size: the tree grows by a quarter, is fine-tuned, pruned back and
+fine-tuned again. Fine-tuning moves thresholds only and pruning only removes; together with insertion they
+change which features are tested.
 """
 
 from __future__ import annotations

@@ -127,17 +127,16 @@ class Evaluator(abc.ABC):
 
 
 def make_evaluator(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Evaluator:
-    """An evaluator of tables where all of the environment is known, else inside a compiled program where it is written in
-    JAX, else in machine code where we have it, else on the host."""
+    """Return the fastest evaluator an environment has: tabular, compiled in JAX, native, or Gymnasium."""
     if spec.env is not None:
-        from .tabular import TabularEvaluator, world_of
+        if spec.state_graph() is not None:
+            from .tabular import TabularEvaluator
 
-        if world_of(spec.env) is not None:
             return TabularEvaluator(spec, seed, purpose)
         from .jax import JaxEvaluator
 
         return JaxEvaluator(spec, seed, purpose)
-    if spec.is_native:
+    if spec.native is not None:
         from .native import NativeEvaluator
 
         return NativeEvaluator(spec, seed, purpose)

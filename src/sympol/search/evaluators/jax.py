@@ -1,10 +1,8 @@
-"""The programs of the compiled evaluator: lanes that step side by side, and the queue that fills them.
+"""Evaluator of environments written in JAX: one compiled program with a queue of episodes.
 
-The evaluator of an environment written in JAX: one compiled program with a queue of episodes.
-
-RolloutBatch step side by side. Where episodes have ended, lanes take the next ones from the queue, some at a time, so that
-short episodes wait for no long ones. Numbers of trees, of episodes and of nodes are traced: one program plays all trees
-of up to 32 leaves, another those of up to 127 nodes, 255, ….
+A batch of episodes is stepped together. Slots whose episode has ended take the next ones from the queue,
+several at a time, so that short episodes do not wait for long ones. Numbers of trees, of episodes and of nodes
+are traced: one program plays all trees of up to 32 leaves, others those of up to 127 nodes, 255, ….
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Trees side by side, as one struct of arrays: what many of them do is asked in a few array operations.
+"""Many trees packed into arrays, so that a few array operations evaluate all of them.
 
-Large trees side by side in a compiled program, walked down by their links.
-
-Small trees side by side, answered without walking: by all their comparisons and one word of bits.
-
-Each leaf is a bit, the leftmost the lowest. Who goes right at a node will not end in a leaf to its left: those bits are
-cleared. When every node was asked, the lowest bit left is the leaf (Lucchese et al., 2015, QuickScorer). In place of a
-gather for each step down, which a compiled program takes one at a time, these are comparisons of many lanes at once.
+`StackedTrees` are walked in NumPy. In a compiled program, large trees are walked down by their links
+(`PointerTrees`), and small ones are evaluated without walking (`BitmaskTrees`), by all their comparisons and
+one word of bits: each leaf is a bit, the leftmost the lowest. An observation that goes right at a node cannot
+reach a leaf to its left, so those bits are cleared; after all nodes, the lowest bit left is the leaf (Lucchese
+et al., 2015, QuickScorer). In place of a gather for each level, which a compiled program takes one at a time,
+these are comparisons of a whole batch at once.
 """
 
 from __future__ import annotations

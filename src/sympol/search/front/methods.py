@@ -33,7 +33,7 @@ from ...parallel import Task
 from ...trees import DecisionTree
 from ..best_lookup import best_lookup
 from ..evaluators.base import make_evaluator
-from ..evaluators.tabular import TabularEvaluator, world_of
+from ..evaluators.tabular import TabularEvaluator
 from ..evolve import Budget, EvolutionResult, evolve
 from .candidates import PROGRESS, Candidate, load_candidates, save_candidates
 from .config import SearchConfig
@@ -50,7 +50,7 @@ FITS = 4
 
 def is_known(spec: EnvSpec) -> bool:
     """Whether an environment is a world that fits in tables."""
-    return world_of(spec.env) is not None
+    return spec.state_graph() is not None
 
 
 def run_tabular(context: TaskContext) -> None:

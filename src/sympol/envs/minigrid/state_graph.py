@@ -1,7 +1,7 @@
-"""All that can ever be seen in a small world, found in the environment itself.
+"""All states and observations of a small MiniGrid world, found by exploring it.
 
-From every start by every action, in batches of one shape, until no state is new. The clock is left out: what it can
-do is end an episode earlier. tests/parity shows that each of these steps is Farama's, so nothing else occurs there.
+The exploration takes every action from every start, until no state is new. The clock is left out: it can only end an
+episode earlier. tests/parity shows that each of these steps is Farama's, so nothing else occurs there.
 """
 
 from __future__ import annotations
@@ -15,42 +15,58 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
-from ...compilation import require_no_fork
+from ...compilation import call_in_batches
+from ..capabilities import StateGraph
 
 if TYPE_CHECKING:
     from .core import GridState, MiniGrid
 
 BATCH = 512
-"""States handled together, so that one shape is compiled."""
+"""Number of states observed together."""
 MAX_STATES = 50_000
-"""With more of them a world is too large to explore: that takes a second."""
+"""Largest number of states that are explored, which takes a second."""
 MAX_NUMBERS = 1 << 26
-"""With more of them all observations take too much memory, of which this is 256 MiB."""
-
-UNREACHABLE = np.iinfo(np.int32).max
-"""Steps to what no way leads to."""
+"""Largest size of all observations, in numbers: 256 MiB."""
 
 Arrays = TypeVar("Arrays")
 
 
-class Graph(NamedTuple):
-    """S states in which one can act, and where each of the A actions leads. All of it is NumPy's."""
+class Exploration(NamedTuple):
+    """S states in which one can act, and where each of the A actions leads, as NumPy arrays."""
 
     states: GridState  # [S, …], at time 0
     successor: Int32[np.ndarray, "states actions"]  # −1 where the episode terminates
     reaches_goal: Bool[np.ndarray, "states actions"]
 
 
+@lru_cache(maxsize=4)
+def state_graph(env: MiniGrid) -> StateGraph | None:
+    """Return all states and transitions of a world, or None where it is too large."""
+    explored = explore(env)
+    if explored is None:
+        return None
+    observations, observation_of = np.unique(observe_all(env, explored.states), axis=0, return_inverse=True)
+    number = {key: i for i, key in enumerate(keys(explored.states))}
+    return StateGraph(
+        observations=observations,
+        observation_of=observation_of.astype(np.int32),
+        successor=explored.successor,
+        reaches_goal=explored.reaches_goal,
+        reward_at=env.rewards,
+        index=lambda states: np.array([number[key] for key in keys(states)]),
+    )
+
+
 @lru_cache(maxsize=16)
 def all_observations(env: MiniGrid) -> Float32[np.ndarray, "observations features"] | None:
-    """Every observation on which a policy may have to act, once, in order; None where the world is too large."""
-    graph = explore(env)
-    if graph is None:
+    """Return every observation on which a policy may have to act, once each, sorted; None if the world is too large."""
+    explored = explore(env)
+    if explored is None:
         return None
     observe, num_features = _observing(env), env.view.num_features
     found: set[bytes] = set()
-    for rows in _batches(len(graph.successor)):
-        seen = np.asarray(observe(at(graph.states, rows)))
+    for rows in _batches(len(explored.successor)):
+        seen = np.asarray(observe(at(explored.states, rows)))
         found.update(_as_bytes(np.packbits(seen.astype(bool), axis=1)))
         if len(found) * num_features > MAX_NUMBERS:
             return None
@@ -61,13 +77,16 @@ def all_observations(env: MiniGrid) -> Float32[np.ndarray, "observations feature
 
 
 def all_starts(env: MiniGrid) -> GridState | None:
-    """Every state that an episode can start from (batched), or None where they are too many to list."""
+    """Return every state that an episode can start from (batched), or None where they are too many to list."""
     draws = env.task.start_draws(MAX_STATES)
-    return None if draws is None else in_batches(jax.jit(jax.vmap(env.start)), draws)
+    return None if draws is None else call_in_batches(jax.jit(jax.vmap(env.start)), draws)
 
 
-def explore(env: MiniGrid, start: GridState | None = None) -> Graph | None:
-    """Every state that can be reached from these (batched), by default from all starts; None if they are too many."""
+def explore(env: MiniGrid, start: GridState | None = None) -> Exploration | None:
+    """Find every state that can be reached from some states (batched), by default from all starts.
+
+    Returns None where there are more than `MAX_STATES`.
+    """
     start = all_starts(env) if start is None else start
     if start is None:
         return None
@@ -78,7 +97,7 @@ def explore(env: MiniGrid, start: GridState | None = None) -> Graph | None:
         num_known = len(index)
         if num_known > MAX_STATES:
             return None
-        after, terminated, reaches_goal = in_batches(_expanding(env), frontier)
+        after, terminated, reaches_goal = call_in_batches(_expanding(env), frontier)
         after = jax.tree.map(_one_after_another, after)
         goes_on = np.flatnonzero(~terminated)
         found = [index.setdefault(key, len(index)) for key in keys(at(after, goes_on))]
@@ -90,32 +109,21 @@ def explore(env: MiniGrid, start: GridState | None = None) -> Graph | None:
         number, first = np.unique(np.array(found, np.int64), return_index=True)
         frontier = at(after, goes_on[first[number >= num_known]])
     known = jax.tree.map(lambda *parts: np.concatenate(parts), *states)
-    return Graph(known, np.concatenate(successors), np.concatenate(goals))
-
-
-def steps_to_goal(graph: Graph) -> Int32[np.ndarray, " states"]:
-    """The least number of steps from each state, `UNREACHABLE` where the goal is out of reach."""
-    steps = np.full(len(graph.successor), UNREACHABLE, np.int64)
-    while True:
-        via = np.where(graph.successor >= 0, steps[graph.successor], UNREACHABLE)
-        nearer = np.minimum(np.where(graph.reaches_goal, 0, via).min(axis=1) + 1, UNREACHABLE)
-        if (nearer == steps).all():
-            return steps.astype(np.int32)
-        steps = nearer
+    return Exploration(known, np.concatenate(successors), np.concatenate(goals))
 
 
 def observe_all(env: MiniGrid, states: GridState) -> Float32[np.ndarray, "states features"]:
-    """The observation of each of many states."""
-    return in_batches(_observing(env), states)
+    """Return the observation of each of many states."""
+    return call_in_batches(_observing(env), states)
 
 
 def keys(states: GridState) -> list[bytes]:
-    """Something to look each of many states up by; the time does not count."""
+    """Return a key for each of many states; states that differ in time only share it."""
     return _as_bytes(_rows(states))
 
 
 def at(states: Arrays, rows: np.ndarray) -> Arrays:
-    """Some of many states."""
+    """Select some of many states."""
     return jax.tree.map(lambda x: x[rows], states)
 
 
@@ -134,14 +142,6 @@ def _expanding(env: MiniGrid) -> Callable[..., Any]:
 
     actions = jnp.arange(len(env.view.actions), dtype=jnp.int32)
     return jax.jit(jax.vmap(lambda state: jax.vmap(act, in_axes=(None, 0))(state, actions)))
-
-
-def in_batches(program: Callable[[Any], Any], arrays: Any) -> Any:
-    """Call a program on rows of arrays, always on as many; NumPy's arrays."""
-    require_no_fork()
-    num = len(jax.tree.leaves(arrays)[0])
-    parts = [program(at(arrays, rows)) for rows in _batches(num)]
-    return jax.tree.map(lambda *x: np.concatenate(x)[:num], *parts)
 
 
 def _batches(num: int) -> Int32[np.ndarray, "batches states"]:
