@@ -242,7 +242,7 @@ class Agent(abc.ABC):
         """Logits, or means, ``[batch, outputs]`` for flat observations ``[batch, features]``."""
         if self.has_tree:
             tree = self.tree(prune=False)
-            return tree.value[tree.apply(x)]
+            return tree.outputs(x)
         return outputs(self.actor, self._trained().normalizer, x)
 
     @property

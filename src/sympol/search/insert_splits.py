@@ -76,7 +76,7 @@ def sample_insertions(
         node = nodes[int(rng.integers(len(nodes)))]
         here = rows[node]
         x, acted = observations[here], int(leaf[here[int(rng.integers(len(here)))]])
-        value = mutator.mutated_leaf(Leaf(tuple(tree.value[acted].tolist())), rng).value
+        value = mutator.mutated_leaf(Leaf(tuple(tree.leaf_outputs[acted].tolist())), rng).value
         other = leaf_tree(tree, np.array(value, np.float32))
         feature = int(rng.choice(np.flatnonzero((x != x[0]).any(axis=0))))
         values = np.unique(x[:, feature])
@@ -97,7 +97,7 @@ def apply_insertions(tree: DecisionTree, some: Iterable[SplitInsertion]) -> Deci
 
 
 def _acts_as(tree: DecisionTree, leaf: int, other: DecisionTree) -> bool:
-    return bool((tree.actions.decide(tree.value[leaf : leaf + 1]) == tree.actions.decide(other.value)).all())
+    return bool((tree.leaf_actions[leaf] == other.leaf_actions).all())
 
 
 COMPILED = Effort(candidates=128, first=32, last=1024, watched=64)

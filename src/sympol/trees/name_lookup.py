@@ -16,7 +16,7 @@ from .floats import brief, flushed, printable
 if TYPE_CHECKING:
     from jaxtyping import Float32
 
-    from .tree import DecisionTree
+    from .base import BaseTree
 
 Action: TypeAlias = str | int | float | Sequence[Any] | np.ndarray
 """An action as people give it: see `action_of`."""
@@ -70,7 +70,7 @@ def position(name: str, names: Sequence[str], what: str) -> int:
     return found[0]
 
 
-def feature_position(tree: DecisionTree, feature: str | int) -> int:
+def feature_position(tree: BaseTree, feature: str | int) -> int:
     """Return the position of a feature in an observation, given by name or by that position.
 
     Raises:

@@ -14,17 +14,17 @@ everywhere in a tree.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
 
+from .base import BaseTree, TreeT
 from .boxes import Boxes, space
 from .edit import checked_threshold, leaf_tree, split_tree
 from .floats import next_below
 from .name_lookup import Action, leaf_value
 from .prune import prune
-from .reading import CATEGORY
-from .tree import DecisionTree
+from .text_parser import CATEGORY
 from .verify.conditions import boxes_of, split_boxes
 from .verify.grammar import parse_condition
 
@@ -32,14 +32,14 @@ _MOST_QUESTIONS = 500
 """Cases that have nothing to do with each other multiply; a rule of more questions is none that somebody reads."""
 
 
-class Edited(NamedTuple):
+class Edited(NamedTuple, Generic[TreeT]):
     """A tree, and which of its nodes an edit made, so that they can be kept as they are when it is trained on."""
 
-    tree: DecisionTree
+    tree: TreeT
     nodes: tuple[int, ...]
 
 
-def force(tree: DecisionTree, condition: str, action: Action) -> Edited:
+def force(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     """Return the tree that takes an action wherever a condition holds, and acts as before everywhere else.
 
     Raises:
@@ -70,7 +70,7 @@ class _Case(NamedTuple):
     questions: tuple[tuple[int, float], ...]
 
 
-def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
+def _questions(tree: BaseTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
     """Features and thresholds, feature by feature, on one side of each of which the whole box is."""
     asked: list[tuple[int, float]] = []
     low, high = box.low[0], box.high[0]
@@ -88,14 +88,14 @@ def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[tuple
 
 
 @dataclass
-class _Growing:
+class _Growing(Generic[TreeT]):
     """The work of putting a rule on top of a tree."""
 
-    rule: DecisionTree
-    tree: DecisionTree
+    rule: TreeT
+    tree: TreeT
     n_questions: int = 0
 
-    def grown(self, region: Boxes, cases: list[_Case]) -> DecisionTree:
+    def grown(self, region: Boxes, cases: list[_Case]) -> TreeT:
         """The questions that a region leaves open, the rule where they are all answered, else the tree."""
         while cases and cases[0].box.intersect(region).is_empty[0]:
             cases = cases[1:]
@@ -114,7 +114,7 @@ class _Growing:
         return self.rule
 
 
-def _marked(tree: DecisionTree, *, visits: int) -> DecisionTree:
+def _marked(tree: TreeT, *, visits: int) -> TreeT:
     """The tree with a number at each leaf, and sums above, which pruning keeps."""
     marks = np.where(tree.is_leaf, visits, 0)
     for node in np.flatnonzero(~tree.is_leaf)[::-1]:

@@ -54,7 +54,7 @@ class StackedTrees(NamedTuple):
             packed.threshold[i, own] = tree.threshold
             packed.left[i, own] = np.where(leaf, own, tree.children_left)
             packed.right[i, own] = np.where(leaf, own, tree.children_right)
-            packed.value[i, own] = tree.value
+            packed.value[i, own] = tree.leaf_outputs
         return packed
 
     def apply(
@@ -155,7 +155,7 @@ class BitmaskTrees(NamedTuple):
             masked.feature[i, own] = tree.feature[inner]
             masked.threshold[i, own] = tree.threshold[inner]
             masked.mask[i, own] = ~(last - first).astype(np.uint32)
-            masked.value[i, : tree.n_leaves] = tree.value[tree.is_leaf]
+            masked.value[i, : tree.n_leaves] = tree.leaf_outputs[tree.is_leaf]
         return masked
 
     def tree_slices(self, tree: Int[Array, " lanes"]) -> tuple[Array, ...]:

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..actions import BoxActions, DiscreteActions, MultiDiscreteActions
+from ..base import BaseTree
 from ..boxes import Boxes, space
 from ..floats import printable
 from ..simplest_float import readable
-from ..tree import DecisionTree
 from .conditions import (
     Condition,
     Propagated,
@@ -51,7 +51,7 @@ _PAIRS_AT_ONCE = 50_000
 # ---- properties ----
 
 
-def verify(tree: DecisionTree, properties: Iterable[PropertyLike]) -> tuple[Verdict, ...]:
+def verify(tree: BaseTree, properties: Iterable[PropertyLike]) -> tuple[Verdict, ...]:
     """Prove properties of a tree, or find an observation that refutes each.
 
     Args:
@@ -69,7 +69,7 @@ def verify(tree: DecisionTree, properties: Iterable[PropertyLike]) -> tuple[Verd
     return tuple(_prove(tree, one, rule) for one, rule in rules)
 
 
-def _parsed(one: Property, tree: DecisionTree) -> Rule:
+def _parsed(one: Property, tree: BaseTree) -> Rule:
     try:
         return parse_rule(one.rule, tree)
     except ValueError as error:
@@ -77,7 +77,7 @@ def _parsed(one: Property, tree: DecisionTree) -> Rule:
         raise ValueError(f"{prefix}{error}") from None
 
 
-def _prove(tree: DecisionTree, one: Property, rule: Rule) -> Verdict:
+def _prove(tree: BaseTree, one: Property, rule: Rule) -> Verdict:
     start = space(tree, bounds=one.within_bounds)
     meant = boxes_of(rule.condition, start)
     if not len(meant):
@@ -106,7 +106,7 @@ def _prove(tree: DecisionTree, one: Property, rule: Rule) -> Verdict:
 
 
 def _violating_observation(
-    tree: DecisionTree, claim: Condition, parts: Propagated
+    tree: BaseTree, claim: Condition, parts: Propagated
 ) -> tuple[Int[np.ndarray, " leaves"], list[Observation]]:
     """Return the leaves that violate a claim, and the simplest observation that ends in one, if there is any."""
     wrong = satisfied(claim, leaf_actions(tree, parts.leaf), negated=True)
@@ -120,7 +120,7 @@ def _violating_observation(
 
 
 def _violating_pair(
-    tree: DecisionTree, claim: Monotone, parts: Propagated
+    tree: BaseTree, claim: Monotone, parts: Propagated
 ) -> tuple[Int[np.ndarray, " leaves"], list[Observation]]:
     """Return the leaves between which a monotonicity fails, and two observations that show it, if there are any.
 
@@ -139,7 +139,7 @@ def _violating_pair(
     return leaves, [x, y]
 
 
-def _is_violating_pair(tree: DecisionTree, claim: Monotone, pair: list[Observation]) -> bool:
+def _is_violating_pair(tree: BaseTree, claim: Monotone, pair: list[Observation]) -> bool:
     x, y = pair
     same = np.array_equal(np.delete(x, claim.feature), np.delete(y, claim.feature), equal_nan=True)
     before, after = _sign(claim) * predicted_actions(tree, pair)[:, claim.component]
@@ -156,7 +156,7 @@ class _ViolatingBoxes(NamedTuple):
     """Rows of the pair of boxes whose common observations are easiest to read."""
 
 
-def _violating_boxes(tree: DecisionTree, claim: Monotone, parts: Propagated) -> _ViolatingBoxes:
+def _violating_boxes(tree: BaseTree, claim: Monotone, parts: Propagated) -> _ViolatingBoxes:
     """Find pairs of boxes such that an observation moves from one to the other by the feature alone."""
     action = _sign(claim) * leaf_actions(tree, parts.leaf)[:, claim.component]
     low, high = parts.boxes.low[:, claim.feature], parts.boxes.high[:, claim.feature]
@@ -188,7 +188,7 @@ def _common(boxes: Boxes, feature: int, first: np.ndarray, second: np.ndarray) -
 # ---- equality ----
 
 
-def equal(tree: DecisionTree, other: DecisionTree, *, within_bounds: bool = True) -> Verdict:
+def equal(tree: BaseTree, other: BaseTree, *, within_bounds: bool = True) -> Verdict:
     """Prove that two trees act the same on every observation, or find one on which they differ.
 
     Observations are those that both accept: within the bounds of both, with the groups and whole numbers of either.
@@ -228,7 +228,7 @@ def equal(tree: DecisionTree, other: DecisionTree, *, within_bounds: bool = True
     )
 
 
-def _require_same_kind(tree: DecisionTree, other: DecisionTree) -> None:
+def _require_same_kind(tree: BaseTree, other: BaseTree) -> None:
     if tree.feature_names != other.feature_names:
         pairs = zip(tree.feature_names, other.feature_names, strict=False)
         different = [f"{printable(a)!r} and {printable(b)!r}" for a, b in pairs if a != b]
@@ -247,7 +247,7 @@ def _require_same_kind(tree: DecisionTree, other: DecisionTree) -> None:
         )
 
 
-def _kind(tree: DecisionTree) -> tuple[object, ...]:
+def _kind(tree: BaseTree) -> tuple[object, ...]:
     match tree.actions:
         case BoxActions(shape=shape):
             return ("numbers in the shape", *shape)
@@ -257,7 +257,7 @@ def _kind(tree: DecisionTree) -> tuple[object, ...]:
             return (nvec, "options from number", start)
 
 
-def _common_space(tree: DecisionTree, other: DecisionTree, within_bounds: bool) -> Boxes:
+def _common_space(tree: BaseTree, other: BaseTree, within_bounds: bool) -> Boxes:
     one, two = space(tree, bounds=within_bounds), space(other, bounds=within_bounds)
     grouped = {feature for group in (*tree.groups, *other.groups) for feature in group.features}
     integers = tuple(sorted({*tree.integers, *other.integers} - grouped))

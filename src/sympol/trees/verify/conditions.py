@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
 import numpy as np
 
+from ..base import BaseTree
 from ..boxes import Boxes, check_size
 from ..floats import flushed, next_above, next_below
-from ..tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Float32, Int
@@ -201,7 +201,7 @@ class Propagated(NamedTuple):
     """The row of the box that each is a part of."""
 
 
-def propagate(boxes: Boxes, tree: DecisionTree) -> Propagated:
+def propagate(boxes: Boxes, tree: BaseTree) -> Propagated:
     """Split boxes by the leaves of a tree in which their observations end.
 
     All parts go down together, level by level, and empty ones are dropped at once. So the time is proportional to
@@ -271,13 +271,13 @@ def simplest_box(boxes: Boxes) -> int:
     return int(np.lexsort((distance.sum(axis=1), np.count_nonzero(distance, axis=1)))[0])
 
 
-def leaf_actions(tree: DecisionTree, leaf: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n components"]:
+def leaf_actions(tree: BaseTree, leaf: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n components"]:
     """Return the deterministic actions of leaves as claims speak of them: one float64 number a component."""
-    return tree.actions.decide(tree.value).reshape(tree.n_nodes, -1)[leaf].astype(np.float64)
+    return tree.leaf_actions.reshape(tree.n_nodes, -1)[leaf].astype(np.float64)
 
 
 def predicted_actions(
-    tree: DecisionTree, observations: Sequence[Float32[np.ndarray, " features"]]
+    tree: BaseTree, observations: Sequence[Float32[np.ndarray, " features"]]
 ) -> Float[np.ndarray, "n components"]:
     """Return the actions of observations, in the form of `leaf_actions`, from `DecisionTree.predict` itself."""
     return np.reshape(tree.predict(np.stack(observations)), (len(observations), -1)).astype(np.float64)

@@ -31,10 +31,10 @@ from typing import TypeVar, final
 
 from ...bounded import DEEPEST
 from ..actions import ActionSpec, BoxActions, DiscreteActions
+from ..base import BaseTree
 from ..floats import printable
 from ..groups import Group
 from ..name_lookup import without_units
-from ..tree import DecisionTree
 from .conditions import ALWAYS, All, Any, Between, Condition, Not, interval
 from .scanner import Scanner
 
@@ -73,7 +73,7 @@ class Rule:
     claim: Condition | Monotone
 
 
-def parse_rule(text: str, tree: DecisionTree) -> Rule:
+def parse_rule(text: str, tree: BaseTree) -> Rule:
     """Parse a rule about the features and actions of a tree.
 
     Args:
@@ -89,7 +89,7 @@ def parse_rule(text: str, tree: DecisionTree) -> Rule:
     return _parse(text, lambda scanner: _rule(scanner, tree))
 
 
-def parse_condition(text: str, tree: DecisionTree) -> Condition:
+def parse_condition(text: str, tree: BaseTree) -> Condition:
     """Parse a condition on the features of a tree: the part of a rule after ``when``.
 
     Args:
@@ -113,7 +113,7 @@ def _parse(text: str, read: Callable[[Scanner], _T]) -> _T:
     return found
 
 
-def _rule(scanner: Scanner, tree: DecisionTree) -> Rule:
+def _rule(scanner: Scanner, tree: BaseTree) -> Rule:
     def condition() -> Condition:
         return _joined(scanner, lambda: _feature_term(scanner, tree))
 
@@ -126,7 +126,7 @@ def _rule(scanner: Scanner, tree: DecisionTree) -> Rule:
     return Rule(condition() if scanner.take_word("when") else ALWAYS, claim)
 
 
-def _claim(scanner: Scanner, tree: DecisionTree) -> Condition | Monotone:
+def _claim(scanner: Scanner, tree: BaseTree) -> Condition | Monotone:
     monotone: list[Monotone] = []
 
     def term() -> Condition:
@@ -184,7 +184,7 @@ def _joined(scanner: Scanner, term: Callable[[], Condition]) -> Condition:
 # ---- terms about features and groups ----
 
 
-def _feature_term(scanner: Scanner, tree: DecisionTree) -> Condition:
+def _feature_term(scanner: Scanner, tree: BaseTree) -> Condition:
     groups = tuple(group.name for group in tree.groups if group.name)
     names = (*tree.feature_names, *groups)
     name = _take_name(scanner, names)
@@ -236,7 +236,7 @@ def _is_one(feature: int) -> Condition:
 # ---- terms about actions ----
 
 
-def _action_term(scanner: Scanner, tree: DecisionTree) -> Condition | Monotone:
+def _action_term(scanner: Scanner, tree: BaseTree) -> Condition | Monotone:
     actions, names = tree.actions, _component_names(tree.actions)
     name = _take_name(scanner, names)
     if name is None:
@@ -265,7 +265,7 @@ def _component_names(actions: ActionSpec) -> tuple[str, ...]:
     return (ACTION,) if isinstance(actions, DiscreteActions) else actions.names
 
 
-def _option_term(scanner: Scanner, tree: DecisionTree, component: int) -> Condition | Monotone:
+def _option_term(scanner: Scanner, tree: BaseTree, component: int) -> Condition | Monotone:
     actions = tree.actions
     assert not isinstance(actions, BoxActions)
     discrete = isinstance(actions, DiscreteActions)
@@ -294,7 +294,7 @@ def _option_term(scanner: Scanner, tree: DecisionTree, component: int) -> Condit
     return Not(chosen) if {"never", "not"} & verbs else chosen
 
 
-def _monotone(scanner: Scanner, tree: DecisionTree, component: int, direction: str) -> Monotone:
+def _monotone(scanner: Scanner, tree: BaseTree, component: int, direction: str) -> Monotone:
     if not scanner.take_word("in"):
         scanner.fail(f"expected 'in' and the name of a feature after {direction!r}")
     if (name := _take_name(scanner, tree.feature_names)) is None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ..actions import BoxActions
+from ..base import BaseTree
 from ..boxes import Boxes, leaf_boxes, space
 from ..format_region import region_words
-from ..tree import DecisionTree
 from .conditions import ALWAYS, boxes_of, leaf_actions, propagate
 from .grammar import parse_condition
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jaxtyping import Int
 
 
-def possible_actions(tree: DecisionTree, when: str = "", *, within_bounds: bool = True) -> np.ndarray:
+def possible_actions(tree: BaseTree, when: str = "", *, within_bounds: bool = True) -> np.ndarray:
     """Return every action that the tree takes in some observation, in order.
 
     Args:
@@ -34,11 +34,11 @@ def possible_actions(tree: DecisionTree, when: str = "", *, within_bounds: bool 
         ValueError: If the condition cannot be parsed.
     """
     leaves = _leaves(tree, when, within_bounds)
-    return np.unique(tree.actions.decide(tree.value[leaves]), axis=0)
+    return np.unique(tree.leaf_actions[leaves], axis=0)
 
 
 def action_range(
-    tree: DecisionTree, when: str = "", *, within_bounds: bool = True
+    tree: BaseTree, when: str = "", *, within_bounds: bool = True
 ) -> Mapping[str, tuple[float, float]]:
     """Return the least and the greatest value of each number of a continuous action; both are reached.
 
@@ -64,7 +64,7 @@ def action_range(
     return {name: (low, high) for name, low, high in ends}
 
 
-def _leaves(tree: DecisionTree, when: str, within_bounds: bool) -> Int[np.ndarray, " leaves"]:
+def _leaves(tree: BaseTree, when: str, within_bounds: bool) -> Int[np.ndarray, " leaves"]:
     condition = parse_condition(when, tree) if when else ALWAYS
     return np.unique(propagate(boxes_of(condition, space(tree, bounds=within_bounds)), tree).leaf)
 
@@ -85,7 +85,7 @@ class ActionRegion:
     only_where: str
 
 
-def action_regions(tree: DecisionTree, *, within_bounds: bool = True) -> tuple[ActionRegion, ...]:
+def action_regions(tree: BaseTree, *, within_bounds: bool = True) -> tuple[ActionRegion, ...]:
     """Return where a tree takes each of its actions, those of most leaves first.
 
     Args:
@@ -95,7 +95,7 @@ def action_regions(tree: DecisionTree, *, within_bounds: bool = True) -> tuple[A
     boxes, leaves = leaf_boxes(tree, bounds=within_bounds), np.flatnonzero(tree.is_leaf)
     reachable = ~boxes.is_empty
     boxes, leaves = boxes[reachable], leaves[reachable]
-    actions, which = np.unique(tree.actions.decide(tree.value[leaves]), axis=0, return_inverse=True)
+    actions, which = np.unique(tree.leaf_actions[leaves], axis=0, return_inverse=True)
     start = space(tree, bounds=within_bounds)
     regions = [
         ActionRegion(
@@ -108,7 +108,7 @@ def action_regions(tree: DecisionTree, *, within_bounds: bool = True) -> tuple[A
     return tuple(sorted(regions, key=lambda region: -len(region.leaves)))
 
 
-def _hull_words(tree: DecisionTree, boxes: Boxes, start: Boxes) -> str:
+def _hull_words(tree: BaseTree, boxes: Boxes, start: Boxes) -> str:
     """Describe the smallest box around boxes; return nothing where it is as large as the space."""
     hull = replace(
         boxes,

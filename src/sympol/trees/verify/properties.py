@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, TypeAlias, final
 
 from ... import files
 from ...bounded import LARGEST_BY_HAND, parse_toml
+from ..base import BaseTree
 from ..floats import brief, number, printable
-from ..tree import DecisionTree
 
 if TYPE_CHECKING:
     import numpy as np
@@ -174,17 +174,17 @@ class Verdict:
         return f"{printable(self.name)}: {self.words}"
 
 
-def example_of(tree: DecisionTree, observation: Float32[np.ndarray, " features"]) -> Example:
+def example_of(tree: BaseTree, observation: Float32[np.ndarray, " features"]) -> Example:
     """Describe an observation and the action that a tree takes in it."""
     return Example(observation, observation_words(tree, observation), action_words(tree, observation))
 
 
-def action_words(tree: DecisionTree, observation: Float32[np.ndarray, " features"]) -> str:
+def action_words(tree: BaseTree, observation: Float32[np.ndarray, " features"]) -> str:
     """Describe the action that a tree takes in an observation."""
     return ", ".join(tree.actions.words(tree.predict(observation)))
 
 
-def observation_words(tree: DecisionTree, observation: Float32[np.ndarray, " features"]) -> str:
+def observation_words(tree: BaseTree, observation: Float32[np.ndarray, " features"]) -> str:
     """Describe an observation: ``pole angle = 0.2, front is lava``."""
     phrases = []
     for feature, x in enumerate(observation):

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from ..base import BaseTree
 from ..boxes import Boxes, leaf_boxes
 from ..floats import observation_batch
 from ..name_lookup import feature_position
-from ..tree import DecisionTree
 from .conditions import leaf_actions
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Noise(NamedTuple):
 
 
 def margin(
-    tree: DecisionTree,
+    tree: BaseTree,
     observations: ArrayLike,
     scale: ArrayLike = 1.0,
     *,
@@ -95,7 +95,7 @@ def margin(
 
 
 def noise(
-    tree: DecisionTree,
+    tree: BaseTree,
     observations: ArrayLike,
     size: ArrayLike | Mapping[str, float],
     *,
@@ -136,7 +136,7 @@ def noise(
     return Noise(can_change(sizes), dict(ordered))
 
 
-def _checked_scale(tree: DecisionTree, scale: ArrayLike) -> Float[np.ndarray, " features"]:
+def _checked_scale(tree: BaseTree, scale: ArrayLike) -> Float[np.ndarray, " features"]:
     unit = np.asarray(scale, np.float64)
     if unit.shape not in ((), (tree.n_features,)):
         raise ValueError(

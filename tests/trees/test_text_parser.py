@@ -214,7 +214,7 @@ def test_a_single_answer_and_a_long_path_are_trees(cartpole):
         ("pole angle <= 1e40\n yes: push left\n no: push left", "line 1: a threshold must be finite in float32"),
         ("pole angle < -3.4028235e38\n yes: push left\n no: push left", "line 1: a threshold must be finite"),
         ("pole angle <= 0.1\n yes: push left", "line 1: 'pole angle <= 0.1' lacks no: below it"),
-        ("pole angle <= 0.1\n yes: push left\n yes: push left", "line 3: yes is said twice below line 1"),
+        ("pole angle <= 0.1\n yes: push left\n yes: push left", "line 3: a second yes: below line 1"),
         ("pole angle <= 0.1\n no: push left\n  yes: push left", "line 1: 'pole angle <= 0.1' lacks yes: below it"),
         ("pole angle <= 0.1\n  yes: push left\n no: push left", "line 3: .* must be indented alike, got 2 and 1"),
         ("pole angle <= 0.1\n\tyes: push left", "line 2: expected yes: or no:, got a tab"),
@@ -232,9 +232,9 @@ def test_what_is_wrong_is_said_with_its_line(cartpole, text: str, message: str):
 
 def test_answers_of_several_numbers_are_checked(pendulum):
     for text, message in [
-        ("torque 1", "'torque 1' is no action, which is such as 'torque = 0'"),
+        ("torque 1", "'torque 1' is not an action; write it as in 'torque = 0'"),
         ("torque = 3", r"an action must be from \[-2.0\] to \[2.0\]"),
-        ("torque = nan", "'torque = nan' is no action"),
+        ("torque = nan", "'torque = nan' is not an action"),
     ]:
         with pytest.raises(ValueError, match=f"line 1: {message}"):
             DecisionTree.from_text(text, like=pendulum)
@@ -265,9 +265,9 @@ def test_what_can_be_read_in_two_ways_is_refused():
     ("header", "message"),
     [
         ("features = [", "the header, between .* is not TOML"),
-        ("features = ['a']", "must say both features and actions"),
+        ("features = ['a']", "must have both features and actions"),
         (f"features = {'[' * 9999}", "the header nests too deeply"),
-        ("feature = ['a']", "the header says 'feature'; it may say features"),
+        ("feature = ['a']", "the header has an unknown key 'feature'; it may have features"),
         ("features = ['a']\nactions = []", "the header: "),
         ("features = ['a']\nactions = 3", "the header: actions must be of type"),
         ("features = [{name = 'a', low = nan}]\nactions = ['b']", "the header: "),
