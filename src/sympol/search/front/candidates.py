@@ -1,4 +1,4 @@
-"""What a road has found, as a file: trees, how they were made, what that cost."""
+"""Candidates of a task, saved as JSON: trees, the methods that made them, and their cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a road is built: a task's folder, its share of the budget, and what all roads do there."""
+"""What every task of a search shares: its folder, its part of the budget, training and pruning."""
 
 from __future__ import annotations
 

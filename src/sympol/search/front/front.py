@@ -1,9 +1,8 @@
-"""The front of return against size: the trees that no other tree is both as small as and better than.
+"""The front of return against size: the trees that beat every tree of at most their size.
 
-A tree is chosen by what it earned in validation episodes, and tested once, on episodes that nothing was chosen by.
-
-
-Several whole runs of one task: what trees of at most so many nodes earn, on average over runs."""
+A tree is chosen by its return in validation episodes, and tested once, on episodes by which nothing was chosen.
+Over several whole runs of one task, `best_under_sizes` averages what each run reached within a number of nodes.
+"""
 
 from __future__ import annotations
 

@@ -1,16 +1,13 @@
-"""The teacher's road where all of the world is known: what to do is looked up, and no teacher has to be trained.
+"""The methods that make small trees, each one or more tasks that any process can run.
 
-The best policy without memory is a table (`sympol.search.best_lookup`); a tree that says the same is grown by CART and
-pruned by return, node by node.
-
-
-Roads to small trees. Each is a task of its own, for any process to do, and leaves what it found in its folder.
-
-| road | what |
+| method | what it does |
 |---|---|
-| scratch | trees trained by PPO, every other one within the limit of nodes; pruned by return and polished in turns |
-| teacher | an MLP trained by PPO, distilled; pruned by return and polished in turns |
-| evolve | whatever the other roads found, and random trees, changed at random (`sympol.search.evolve`) |
+| scratch | trains trees by PPO, every other one within the limit of nodes; prunes by return and fine-tunes in turns |
+| teacher | trains an MLP by PPO and distils it; prunes by return and fine-tunes in turns |
+| teacher, where all states are listed | fits CART to the best memoryless policy (`sympol.search.best_lookup`); prunes |
+| evolve | mutates what the other methods found, and random trees (`sympol.search.evolve`) |
+
+A task saves its candidates in its folder, so what is finished is not done again.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def begin(plan: SearchConfig, folder: Path) -> None:
     if "teacher" in plan.methods and missing:
         raise RunError(
             f"the teacher's road needs {' and '.join(missing)}, not installed here: pip install 'sympol[bench]', or "
-            "leave it out: --roads scratch evolve"
+            "leave it out: --methods scratch evolve"
         )
     file = folder / PLAN
     if file.exists():
