@@ -14,7 +14,7 @@ from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.play import WORDS, episode_seed, play
-from sympol.search.evaluators import batched_rollouts as lanes
+from sympol.search.evaluators import jax as batched
 from sympol.search.evaluators import jax as compiled
 from sympol.search.evaluators.base import Evaluator, Returns, make_evaluator
 from sympol.search.evaluators.packed_trees import MAX_LEAVES
@@ -136,12 +136,12 @@ def test_more_than_one_call_holds_is_done_in_several(monkeypatch):
 def test_more_episodes_than_a_call_holds():
     evaluator, trees = compiled_case()
     worst = [min(trees, key=lambda tree: evaluator.play([tree], range(8)).lengths.mean())]
-    played = evaluator.play(worst, range(lanes.MAX_JOBS + 40))
-    assert played.lengths.shape == (1, lanes.MAX_JOBS + 40)
+    played = evaluator.play(worst, range(batched.MAX_JOBS + 40))
+    assert played.lengths.shape == (1, batched.MAX_JOBS + 40)
     assert played.lengths.min() >= 1
     for last in (
-        range(lanes.MAX_JOBS - 2, lanes.MAX_JOBS + 3),
-        range(lanes.MAX_JOBS + 35, lanes.MAX_JOBS + 40),
+        range(batched.MAX_JOBS - 2, batched.MAX_JOBS + 3),
+        range(batched.MAX_JOBS + 35, batched.MAX_JOBS + 40),
     ):
         np.testing.assert_array_equal(
             evaluator.play(worst, last).lengths, played.lengths[:, last.start : last.stop]
@@ -149,9 +149,9 @@ def test_more_episodes_than_a_call_holds():
 
 
 def test_an_environment_without_a_clock_gets_one(monkeypatch):
-    monkeypatch.setattr(lanes, "MAX_EPISODE_STEPS", 37)
-    lanes.compile_play.cache_clear()
-    lanes.compile_observe.cache_clear()
+    monkeypatch.setattr(batched, "MAX_EPISODE_STEPS", 37)
+    batched.compile_play.cache_clear()
+    batched.compile_observe.cache_clear()
     spec = resolve(Endless())
     right, wrong = (of_parity(spec, swapped) for swapped in (False, True))
     evaluator = make_evaluator(spec, SEED)
@@ -159,8 +159,8 @@ def test_an_environment_without_a_clock_gets_one(monkeypatch):
     np.testing.assert_array_equal(played.lengths, np.full((2, 3), 37))
     np.testing.assert_array_equal(played.returns, [[37] * 3, [0] * 3])
     np.testing.assert_array_equal(evaluator.observe(right, range(1))[:, 0], np.arange(37) % 2)
-    lanes.compile_play.cache_clear()
-    lanes.compile_observe.cache_clear()
+    batched.compile_play.cache_clear()
+    batched.compile_observe.cache_clear()
 
 
 def test_returns_are_distributed_as_on_gymnasium():
