@@ -9,7 +9,7 @@ import pytest
 
 from sympol.envs.registry import resolve
 from sympol.search.evaluators.base import Evaluator, Returns
-from sympol.search.evolve import ELITES, Archive, Budget, Entry, evolve
+from sympol.search.evolve import ELITES, Archive, Budget, Entry, archive_sizes, evolve
 from sympol.search.mutations import Leaf, Split, num_nodes
 from sympol.trees import DecisionTree
 
@@ -41,7 +41,7 @@ class Told(Evaluator):
         return np.concatenate([self._seen(number)[0] for number in episodes])
 
 
-def prune_path(n):
+def chain(n):
     node = Leaf((1.0, 0.0))
     for i in range(n):
         node = Split(0, float(i), node, Leaf((0.0, 1.0)))
@@ -70,7 +70,7 @@ def test_an_archive_keeps_the_best_few_of_each_size():
     archive.insert(entries)
     assert [entry.mean for entry in archive.entries[3]] == [9, 8, 7, 6][:ELITES]
     assert archive.to_beat(3, slice(0, 2)) == 6
-    archive.insert([Entry(prune_path(3), np.full(4, 2.0)), Entry(prune_path(2), np.full(4, 99.0))])
+    archive.insert([Entry(chain(3), np.full(4, 2.0)), Entry(chain(2), np.full(4, 99.0))])
     assert archive.front() == [3, 5]  # seven nodes earn less than five
 
 

@@ -11,7 +11,7 @@ from sympol.search.evaluators.base import Returns, make_evaluator
 from sympol.search.evaluators.jax import JaxEvaluator
 from sympol.search.evaluators.tabular import TabularEvaluator
 
-from .loops import SEED, assert_same, spec_of
+from .loops import SEED, assert_same, grown, spec_of
 
 WORLDS = ["MiniGrid-Empty-Random-6x6-v0", "MiniGrid-DoorKey-5x5-v0", "MiniGrid-LavaGapS7-v0"]
 
