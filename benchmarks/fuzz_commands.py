@@ -255,7 +255,7 @@ def _make(folder: Path) -> None:
         (Path(__file__).parents[1] / "tests/golden/trees/cartpole.json").read_text(encoding="utf-8")
     )
     spec = sympol.resolve("CartPole-v1")
-    tree = replace(tree, actions=spec.actions, **spec.features.reading())
+    tree = replace(tree, actions=spec.actions, **spec.features.metadata())
     (folder / "tree.json").write_text(tree.to_json(), encoding="utf-8")
     words = ["train", "CartPole-v1", "--eval-episodes", "2"]
     small = {name: value for name, value in TINY.items() if name != "depth"}

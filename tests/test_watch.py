@@ -26,7 +26,7 @@ from sympol.film.rendering import rendering
 from sympol.play import play
 from sympol.runs.run import Run
 from sympol.trees import DecisionTree, DiscreteActions
-from sympol.trees.plot_paths import Ways
+from sympol.trees.plot import PathPictures
 
 from .trees.samples import HOSTILE_NAMES
 
@@ -141,8 +141,8 @@ def test_the_way_lit_is_that_of_the_observation(tmp_path, monkeypatch):
 
 def test_the_tree_is_drawn_once_a_leaf_and_differs_between_leaves(monkeypatch):
     drawn = []
-    way = Ways.way
-    monkeypatch.setattr(Ways, "way", lambda ways, leaf: drawn.append(leaf) or way(ways, leaf))
+    way = PathPictures.path_to
+    monkeypatch.setattr(PathPictures, "path_to", lambda ways, leaf: drawn.append(leaf) or way(ways, leaf))
     frame = screen.env_picture(Image.new("RGB", (8, 8)))
     on = screen.Screen(frame.size, walker())
     pictures = [on.draw(screen.Shot(frame, np.array([x]), "", "", 0)) for x in (-1.0, 1.0, -2.0, 3.0)]

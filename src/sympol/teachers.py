@@ -161,7 +161,7 @@ def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
             f"{agent.config.policy!r}; use the method viper, dagger or sa-dt"
         )
     view = soft_view(agent)
-    tree = discretize(view.actor, view.shift, view.scale, **agent.reading())
+    tree = discretize(view.actor, view.shift, view.scale, **agent.metadata())
     return tree.prune(observations=agent.spec.all_observations()) if prune else tree
 
 

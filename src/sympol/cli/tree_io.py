@@ -45,7 +45,7 @@ def _from_text(path: Path, text: str) -> DecisionTree:
         return DecisionTree.from_text(text)
     if "env" in header:
         spec = _environment(path, header["env"], header.get("meta", {}))
-        return DecisionTree.from_text(text, actions=spec.actions, **spec.features.reading())
+        return DecisionTree.from_text(text, actions=spec.actions, **spec.features.metadata())
     beside = path.with_name("policy.json")
     if not beside.exists():
         raise RunError(

@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..trees import DecisionTree
 from ..trees.floats import printable
+from ..trees.plot import PathPictures
 from ..trees.plot_boxes import INK, PAPER
-from ..trees.plot_paths import Ways
 
 # pixels
 _ENV, _TREE = (480, 480), (760, 660)
@@ -68,10 +68,10 @@ class Screen:
 
     def __init__(self, env_size: tuple[int, int], tree: DecisionTree | None) -> None:
         self._env_size, self._tree = env_size, tree if tree and tree.n_nodes <= LARGEST_TREE else None
-        self._ways = Ways(self._tree, most_pixels=_TREE, dpi=_DPI) if self._tree else None
+        self._paths = PathPictures(self._tree, most_pixels=_TREE, dpi=_DPI) if self._tree else None
         self._pictures: dict[int, Image.Image] = {}
-        tree_size = self._ways.size if self._ways else (0, 0)
-        width = env_size[0] + 2 * _MARGIN + (tree_size[0] + _MARGIN if self._ways else 0)
+        tree_size = self._paths.size if self._paths else (0, 0)
+        width = env_size[0] + 2 * _MARGIN + (tree_size[0] + _MARGIN if self._paths else 0)
         # room for the words where the environment is narrow
         width, height = max(width, 360), max(env_size[1], tree_size[1]) + 2 * _MARGIN + _CAPTION
         self.size = width + width % 2, height + height % 2  # films in colour are made of blocks of 2 × 2
@@ -109,9 +109,11 @@ class Screen:
         return font(_FONT_SIZE)
 
     def _tree_picture(self, observation: np.ndarray | None) -> Image.Image | None:
-        if self._tree is None or self._ways is None:
+        if self._tree is None or self._paths is None:
             return None
         leaf = -1 if observation is None else int(self._tree.apply(observation))
         if leaf not in self._pictures:
-            self._pictures[leaf] = Image.fromarray(self._ways.whole() if leaf < 0 else self._ways.way(leaf))
+            self._pictures[leaf] = Image.fromarray(
+                self._paths.whole() if leaf < 0 else self._paths.path_to(leaf)
+            )
         return self._pictures[leaf]

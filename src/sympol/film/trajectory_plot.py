@@ -11,7 +11,7 @@ from PIL import Image
 
 from ..trees.plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen
 from ..trees.plot_grid_view import LARGEST_CELL, glyph
-from ..trees.plot_page import STYLE
+from ..trees.plot_style import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

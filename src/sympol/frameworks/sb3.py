@@ -213,7 +213,7 @@ class TreePolicy(ActorCriticPolicy):
         Raises:
             ValueError: the environment's spaces are not the policy's, or names do not fit.
         """
-        features, actions, meta = self._reading(env, feature_names, action_names, groups)
+        features, actions, meta = self._metadata(env, feature_names, action_names, groups)
         if isinstance(actions, BoxActions):
             std = tuple(self.log_std.detach().exp().cpu().tolist())
             actions = BoxActions(actions.low, actions.high, actions.shape, actions.names, std)
@@ -228,10 +228,10 @@ class TreePolicy(ActorCriticPolicy):
             extractor.scale.cpu().numpy(),
             actions=actions,
             meta=meta,
-            **features.reading(),
+            **features.metadata(),
         )
 
-    def _reading(
+    def _metadata(
         self,
         env: str | gymnasium.Env | EnvSpec | None,
         feature_names: Sequence[str] | None,

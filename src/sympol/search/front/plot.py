@@ -17,7 +17,7 @@ from ...results.number_format import given, number
 from ...results.style import PANEL, Look, legend_below, save, styled
 from ...runs.progress import decimals
 from ...trees.plot import arrange, draw
-from ...trees.plot_page import check_file
+from ...trees.plot_style import check_file
 from .front import Front, Point, best_under_sizes, require_one_task, sizes_of
 from .labels import Label, place_labels
 from .references import Reference, references
