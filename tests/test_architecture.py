@@ -23,6 +23,7 @@ BELOW: dict[str, set[str]] = {
     "threads": set(),
     "interrupts": set(),
     "terminal": set(),
+    "console": {"trees"},
     "trees": {"files", "bounded"},
     "results": {"trees", "files", "bounded"},
     "functional": {"types", "trees"},
@@ -33,9 +34,9 @@ BELOW: dict[str, set[str]] = {
     "film": {"types", "envs", "trees", "files"},
     "play": {"envs", "trees"},
     "evaluate": {"types", "envs", "trees", "film", "play"},
-    "runs": {"types", "envs", "trees", "algorithms", "files", "bounded"},
+    "runs": {"console", "types", "envs", "trees", "algorithms", "files", "bounded"},
     "serving": {"envs", "trees", "play"},
-    "parallel": {"compilation", "files", "bounded", "interrupts", "terminal"},
+    "parallel": {"console", "compilation", "files", "bounded", "interrupts", "terminal"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""

@@ -1,4 +1,4 @@
-"""What the nodes of a drawn soft tree look like: a list of weights with bars, or a distribution over actions."""
+"""Draw the nodes of a soft tree: a list of weights with bars, or a distribution over actions."""
 
 from __future__ import annotations
 

@@ -47,6 +47,14 @@ def unscale_thresholds(threshold: np.ndarray, shift: np.ndarray, scale: np.ndarr
     """Return raw thresholds that split every x as ``(x − shift) · scale <= threshold`` does in float32.
 
     Subnormal parameters, observations and intermediate results count as zero.
+
+    Args:
+        threshold: Thresholds of scaled features, of any shape.
+        shift: The shift of each threshold's feature, of the same shape.
+        scale: The scale of each threshold's feature, of the same shape; positive.
+
+    Returns:
+        Thresholds of raw features, float32.
     """
     shift, scale = flushed(shift), flushed(scale)
 

@@ -1,4 +1,4 @@
-"""From trained parameters to the one object that is read, plotted, exported and evaluated."""
+"""Extract a `DecisionTree` from trained parameters."""
 
 from __future__ import annotations
 

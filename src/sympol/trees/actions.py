@@ -93,7 +93,15 @@ class DiscreteActions:
         return _softmax(values)
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Describe an action: ``("push left",)``."""
+        """Describe an action: ``("push left",)``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         return (printable(self.names[int(np.asarray(action)) - self.start]),)
 
 
@@ -142,7 +150,14 @@ class MultiDiscreteActions:
         return sum(self.nvec)
 
     def split(self, values: Float32[np.ndarray, "batch outputs"]) -> list[Float32[np.ndarray, "batch n"]]:
-        """Split logits [batch, outputs] by component."""
+        """Split logits [batch, outputs] by component.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            One array ``[batch, options]`` for each component.
+        """
         return np.split(values, np.cumsum(self.nvec)[:-1], axis=1)
 
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, "batch components"]:
@@ -171,7 +186,15 @@ class MultiDiscreteActions:
         return tuple(_softmax(logits) for logits in self.split(values))
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Describe an action, component by component: ``("gas: on", "steer: left")``."""
+        """Describe an action, component by component: ``("gas: on", "steer: left")``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         chosen = (np.asarray(action) - np.array(self.start)).tolist()
         return tuple(
             f"{printable(name)}: {printable(options[option])}"
@@ -240,11 +263,29 @@ class BoxActions:
         return clipped.reshape(len(values), *self.shape)
 
     def probabilities(self, values: Float32[np.ndarray, "batch outputs"]) -> tuple[()]:
-        """Raise TypeError: a continuous action has a density, not a table of probabilities."""
+        """Raise TypeError: a continuous action has a density, not a table of probabilities.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            Nothing; it always raises.
+
+        Raises:
+            TypeError: Continuous actions have no probabilities.
+        """
         raise TypeError("continuous actions have no table of probabilities; read predict() and actions.std")
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Describe an action, number by number, with ``digits`` significant digits: ``("torque = 0.53",)``."""
+        """Describe an action, number by number, with ``digits`` significant digits: ``("torque = 0.53",)``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         numbers = np.ravel(np.asarray(action))
         return tuple(
             f"{printable(name)} = {number(x, digits)}" for name, x in zip(self.names, numbers, strict=True)

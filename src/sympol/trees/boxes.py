@@ -203,7 +203,15 @@ def leaf_boxes(tree: BaseTree, *, bounds: bool) -> Boxes:
 
 
 def unreachable_leaves(tree: BaseTree, *, bounds: bool = True) -> Int[np.ndarray, " leaves"]:
-    """Return the leaves that no observation reaches; with ``bounds``, none within the bounds of the space."""
+    """Return the leaves that no observation reaches.
+
+    Args:
+        tree: The tree.
+        bounds: Whether only observations within the bounds of the space count.
+
+    Returns:
+        Numbers of the leaves that no observation reaches.
+    """
     leaves = np.flatnonzero(tree.is_leaf)
     return leaves[leaf_boxes(tree, bounds=bounds).is_empty]
 

@@ -76,6 +76,9 @@ def nearest(
         norm: How distances are measured.
         scale: What counts as a change by 1, for features and groups, by name or position.
 
+    Returns:
+        The counterfactual, or None if no observation gets a wanted action.
+
     Raises:
         ValueError: As `explain` does.
         TypeError: As `explain` does.

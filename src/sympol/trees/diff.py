@@ -119,6 +119,9 @@ def diff(before: BaseTree, after: BaseTree, observations: ArrayLike | None = Non
     Returns:
         The changes, exact and in words.
 
+    Returns:
+        The regions in which actions differ, and the counts of changed states.
+
     Raises:
         ValueError: If the trees are of different spaces, or the observations do not fit them.
         TypeError: If the observations do not hold numbers.

@@ -32,12 +32,15 @@ class Explanation:
     observation: Float32[np.ndarray, " features"]
     """The observation as the tree sees it: float32, subnormal numbers zero."""
     action: np.ndarray
+    """As `DecisionTree.predict` returns it."""
     answer: str
     """The action in words."""
     leaf: int
+    """The number of the leaf that is reached."""
     sentence: str
     """The path through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
     reason: Reason
+    """The smallest sufficient reason."""
     counterfactuals: tuple[Counterfactual, ...]
     """One for every other action, the nearest first."""
 
@@ -51,7 +54,11 @@ class Explanation:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain JSON; infinite distances become null."""
+        """Return everything as plain JSON; infinite distances become null.
+
+        Returns:
+            A dictionary that `json.dumps` accepts; infinite distances are None.
+        """
         return {
             "observation": self.observation.tolist(),
             "action": np.asarray(self.action).tolist(),
@@ -93,6 +100,9 @@ def explain(
         immutable: Features and groups that no counterfactual may change, by name or position.
         norm: The distance between observations: ``"l1"``, ``"l0"`` or ``"linf"``.
         scale: What counts as a change by 1, for features and groups, by name or position; 1 where it is not given.
+
+    Returns:
+        The path, the smallest sufficient reason, and the counterfactuals.
 
     Raises:
         ValueError: If the observation does not fit the tree or is not finite, a feature does not exist, a scale is

@@ -66,14 +66,29 @@ class Group:
             )
 
     def words(self, feature: int, *, negated: bool = False) -> str:
-        """Describe that a feature of this group is 1, or (``negated``) that it is 0: ``front is lava``."""
+        """Describe that a feature of this group is 1, or (``negated``) that it is 0: ``front is lava``.
+
+        Args:
+            feature: Position of a feature of this group.
+            negated: Whether the feature is 0 instead of 1.
+
+        Returns:
+            The condition in words.
+        """
         category = printable(self.categories[self.features.index(feature)])
         if not self.name:
             return f"not {category}" if negated else category
         return f"{printable(self.name)} is {'not ' if negated else ''}{category}"
 
     def words_without(self, features: Sequence[int]) -> str:
-        """Describe that none of these features is 1: ``front is neither lava nor wall``."""
+        """Describe that none of these features is 1: ``front is neither lava nor wall``.
+
+        Args:
+            features: Positions of features of this group.
+
+        Returns:
+            The condition in words.
+        """
         if len(features) == 1:
             return self.words(features[0], negated=True)
         *some, last = (printable(self.categories[self.features.index(feature)]) for feature in features)

@@ -50,6 +50,14 @@ def override(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     Returns:
         The edited tree and the numbers of the nodes that are the rule.
 
+    Args:
+        tree: The tree to change; it stays as it is.
+        condition: Where the action is taken, as after ``when`` in a property.
+        action: The action: a name, a number, or one for each component.
+
+    Returns:
+        The changed tree, and the numbers of the nodes that are the rule.
+
     Raises:
         ValueError: If the condition cannot be parsed, names what the tree does not have, or never holds; or if there
             is no such action.

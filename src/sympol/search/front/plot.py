@@ -15,7 +15,7 @@ import numpy as np
 
 from ...results.number_format import given, number
 from ...results.style import PANEL, Look, legend_below, save, styled
-from ...runs.progress import decimals
+from ...runs.formatting import decimals
 from ...trees.plot import arrange, draw
 from ...trees.plot_style import check_file
 from .front import Front, Point, best_under_sizes, require_one_task, sizes_of

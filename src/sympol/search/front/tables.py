@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ...results.number_format import count, given, number
 from ...results.table_formats import in_markdown
-from ...runs.progress import decimals
+from ...runs.formatting import decimals
 from .files import place
 from .front import BestUnderSize, Cost, Front, Point, best_under_sizes, require_one_task, sizes_of
 from .references import Target, targets

@@ -198,6 +198,9 @@ def equal(tree: BaseTree, other: BaseTree, *, within_bounds: bool = True) -> Ver
         other: A policy with the same features and actions.
         within_bounds: Whether only observations within the bounds of the spaces count.
 
+    Returns:
+        Whether they are equal, with a counterexample if they are not.
+
     Raises:
         ValueError: If the trees have different features, groups or actions.
     """
