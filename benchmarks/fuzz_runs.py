@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 
 import sympol
-from sympol.envs.host import EnvironmentFailure
+from sympol.envs.adapters.gymnasium import EnvironmentFailure
 from sympol.runs.about import RunError
 from sympol.runs.folder import Run
 from sympol.trees.export import FORMATS

@@ -10,7 +10,7 @@ import jax
 from sympol.algorithms.config import Config
 from sympol.algorithms.state import TrainState
 from sympol.algorithms.train_loop import Segment, make_segment
-from sympol.envs.cartpole import CartPole
+from sympol.envs.classic.cartpole import CartPole
 
 CARTPOLE = CartPole(max_episode_steps=11)
 CONFIG = Config(

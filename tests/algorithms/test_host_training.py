@@ -20,8 +20,8 @@ from sympol.algorithms.train import make_trainer
 from sympol.algorithms.train_host import HostTrainer
 from sympol.algorithms.trainer import Trainer
 from sympol.algorithms.validate import validation_limit
-from sympol.envs.doubts import EpisodesCut
-from sympol.envs.host import EnvironmentFailure
+from sympol.envs.adapters.gymnasium import EnvironmentFailure
+from sympol.envs.diagnostics import EpisodesCut
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.policies.distributions import distribution_of

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Discrete
 from sympol.algorithms.collect_host import host_seed
 from sympol.algorithms.init import PURPOSES, purpose_key
 from sympol.bench.seeds import SEARCH, TRAINING, require_search_seed, require_training_seed
-from sympol.envs.host import HostEnvs
+from sympol.envs.adapters.gymnasium import HostEnvs
 from sympol.envs.spaces import Features
 from sympol.play import episode_seed
 

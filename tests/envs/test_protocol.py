@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.envs.acrobot import Acrobot
-from sympol.envs.cartpole import CartPole
+from sympol.envs.classic.acrobot import Acrobot
+from sympol.envs.classic.cartpole import CartPole
+from sympol.envs.classic.mountain_car import MountainCar, MountainCarContinuous
+from sympol.envs.classic.pendulum import Pendulum
 from sympol.envs.env import Env
-from sympol.envs.mountain_car import MountainCar, MountainCarContinuous
-from sympol.envs.pendulum import Pendulum
 
 from .probes import PROBES, ContinuousMatch, Discount, MatchObservation, MultiDiscreteMatch, TimeLimit
 

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Int
 
-from ..envs.host import EnvironmentFailure
+from ..envs.adapters.gymnasium import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..policies.distributions import distribution_of
 from ..types import Transition

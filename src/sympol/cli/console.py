@@ -24,7 +24,7 @@ from rich.console import (
 from rich.markup import escape
 from rich.segment import Segment
 
-from ..envs.host import EnvironmentFailure
+from ..envs.adapters.gymnasium import EnvironmentFailure
 from ..interrupts import interrupts
 from ..parallel import TasksFailed
 from ..runs.about import RunError, WriteError

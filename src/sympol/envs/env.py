@@ -25,8 +25,8 @@ State = TypeVar("State", bound=Any)
 class Env(Protocol[State]):
     """A pure-JAX environment; any object of this shape can be trained on.
 
-    Where it is resolved, `sympol.envs.jax_env` makes these fit, too: rewards and observations of another dtype,
-    Python's own numbers and bools, and keys of `jax.random` in the state.
+    `sympol.resolve` also accepts rewards and observations of another dtype, Python's own numbers and bools, and keys of
+    `jax.random` in the state; `sympol.envs.adapters.jax_protocol` casts them.
 
     The observation is a flat float32 vector, one number per feature. The action is an int32 scalar in
     ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, and for ``Box`` a float32 array of

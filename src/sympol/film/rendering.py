@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from PIL import Image
 
-from ..envs.host import EnvironmentFailure
+from ..envs.adapters.gymnasium import EnvironmentFailure
 from ..envs.spec import EnvSpec
 
 

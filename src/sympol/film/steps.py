@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import gymnasium
 
+from ..envs.adapters.gymnasium import advance, begin
 from ..envs.env import MAX_EPISODE_STEPS
-from ..envs.host import advance, begin
 from ..envs.spec import EnvSpec
 
 
