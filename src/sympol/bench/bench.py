@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ..parallel import Failure, Task, TasksFailed, run_tasks
-from ..runs.about import RunError
 from ..runs.lock import FileLock, Held
+from ..runs.metadata import RunError
 from .jobs import Result, Unit, jobs_of, task_of
 from .method_specs import same_config
 from .plan import CellPlan

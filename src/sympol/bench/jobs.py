@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 from .. import files
 from ..bounded import parse_json
 from ..parallel import Task
-from ..runs.about import file_name
 from ..runs.lock import FileLock
+from ..runs.metadata import file_name
 from .method_specs import Settings, config_of, import_all, own, register_method, same_config, teacher_cell
 from .methods import RUNTIME_VARIANTS
 from .record import Cell

@@ -15,7 +15,7 @@ import tyro
 from ..bench.bench import only_one
 from ..envs.registry import resolve
 from ..interrupts import interrupts
-from ..runs.about import RunError, file_name
+from ..runs.metadata import RunError, file_name
 from ..search.front.config import SHARES, Plan
 from ..search.front.files import fields_of, point_fields
 from ..search.front.front import Front

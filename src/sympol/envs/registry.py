@@ -27,7 +27,8 @@ from .env import Env
 from .equality import step_limit
 from .lunar_lander import engine as lander
 from .names import NAMES, known_names
-from .origin import Origin, Wrapping, copier, describe, wrap
+from .origin import Origin, Wrapping
+from .remake import copier, describe, wrap
 from .spaces import Features, action_spec, require_spaces
 from .spec import Backend, EnvSpec, HostFactory, no_copies, not_listed
 

@@ -21,7 +21,7 @@ from typing import Any
 from ... import files
 from ...bench.seeds import require_training_seed
 from ...results.json_io import dumps
-from ...runs.about import file_name
+from ...runs.metadata import file_name
 from ...trees import DecisionTree
 from .aggregate import require_one_task
 from .config import SHARES

@@ -21,7 +21,7 @@ from ...bench.bench import commit, only_one
 from ...bounded import parse_json
 from ...envs.registry import resolve
 from ...parallel import Task, run_tasks
-from ...runs.about import RunError, versions
+from ...runs.metadata import RunError, versions
 from ..evolve import Budget
 from .candidates import Found, kept
 from .config import CHOOSING, Plan
