@@ -1,4 +1,4 @@
-"""What a task is, and how it is done: the same few lines in this process, in another and on another machine."""
+"""Tasks, and how they run: the same few lines in this process, in another and on another machine."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def circumstances() -> dict[str, str]:
 
 @functools.cache
 def fingerprint() -> str:
-    """Of sympol's own files: two checkouts can have one version and differ."""
+    """Return a fingerprint of sympol's own files: two checkouts can have one version and differ."""
     root = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for file in sorted(file for ending in ("py", "toml") for file in root.rglob(f"*.{ending}")):

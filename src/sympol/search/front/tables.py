@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ...results.number_format import count, given, number
 from ...results.table_formats import in_markdown
-from ...runs.progress import decimals
+from ...runs.formatting import decimals
 from .aggregate import AtMost, require_one_task, sizes_of, summarise
 from .files import place
 from .front import Front, Point, Spent
