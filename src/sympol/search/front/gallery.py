@@ -23,10 +23,9 @@ from ...bench.seeds import require_training_seed
 from ...results.json_io import dumps
 from ...runs.metadata import file_name
 from ...trees import DecisionTree
-from .aggregate import require_one_task
 from .config import SHARES
 from .files import fields_of, front_from, point_fields, read_json
-from .front import Front, FrontError, Point
+from .front import Front, FrontError, Point, require_one_task
 from .plot import plot, plot_gallery, smallest
 from .tables import markdown, markdown_by_roads, markdown_of_runs, markdown_of_tasks
 
@@ -57,7 +56,7 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
     for front in fronts:
         if any(point.test is None for point in front.points):
             raise FrontError(f"the front of {front.environment} was not tested; what is kept must be")
-        path = path_of(front.environment, root, front.roads)
+        path = path_of(front.environment, root, front.methods)
         by_path.setdefault(path, {})[require_training_seed(front.seed)] = front
     written = []
     for path, new in by_path.items():
@@ -112,7 +111,7 @@ def load_parts(root: Path, environment: str) -> list[list[Front]]:
     found = [
         load(path) for path in sorted((_folder(root) / "roads").glob(f"{file_name(environment)}--*.json"))
     ]
-    return sorted(found, key=lambda runs: len(runs[0].roads))
+    return sorted(found, key=lambda runs: len(runs[0].methods))
 
 
 def write_docs(

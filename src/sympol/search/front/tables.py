@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from ...results.number_format import count, given, number
 from ...results.table_formats import in_markdown
 from ...runs.formatting import decimals
-from .aggregate import AtMost, require_one_task, sizes_of, summarise
 from .files import place
-from .front import Front, Point, Spent
+from .front import BestUnderSize, Cost, Front, Point, best_under_sizes, require_one_task, sizes_of
 from .references import Target, targets
 
 if TYPE_CHECKING:
@@ -72,10 +71,10 @@ def markdown_of_runs(fronts: Sequence[Front], asked: Iterable[Target] | None = N
     ``asked`` are by default the task's `targets`; where there are none, the sizes of all points.
 
     Raises:
-        FrontError: as `summarise` does.
+        FrontError: as `best_under_sizes` does.
     """
     asked = list(asked or ()) or _asked(fronts)
-    found = summarise(fronts, [target.nodes for target in asked])
+    found = best_under_sizes(fronts, [target.nodes for target in asked])
     places = _places_of_runs(fronts)
     columns = ["at most", *(["asked"] if any(map(_wanted, asked)) else []), "test return"]
     columns += [f"seed {front.seed}" for front in fronts]
@@ -93,7 +92,7 @@ def markdown_of_tasks(tasks: Iterable[Sequence[Front]]) -> str:
     rows = []
     for fronts in tasks:
         asked = _asked(fronts)
-        found = summarise(fronts, [target.nodes for target in asked])
+        found = best_under_sizes(fronts, [target.nodes for target in asked])
         places = _places_of_runs(fronts)
         for i, (target, of) in enumerate(zip(asked, found, strict=True)):
             name = fronts[0].environment if i == 0 else ""
@@ -109,7 +108,7 @@ def markdown_by_roads(groups: Sequence[Sequence[Front]]) -> str:
     """What several runs reached with some roads, and with others: a line for each choice of roads.
 
     Raises:
-        FrontError: as `summarise` does.
+        FrontError: as `best_under_sizes` does.
     """
     environment = require_one_task([runs[0] for runs in groups][:1])
     sizes = [target.nodes for target in targets(environment)] or sizes_of(groups[-1])
@@ -117,15 +116,15 @@ def markdown_by_roads(groups: Sequence[Sequence[Front]]) -> str:
     columns = ["roads", "runs", *(f"at most {size} nodes" for size in sizes), "steps", "seconds"]
     rows = []
     for runs in groups:
-        reached = [_mean(of, places) for of in summarise(runs, sizes)]
-        steps = sum(front.spent.steps for front in runs) / len(runs)
-        seconds = sum(front.spent.seconds for front in runs) / len(runs)
-        roads = in_markdown(" + ".join(map(str, runs[0].roads)) or "all")
+        reached = [_mean(of, places) for of in best_under_sizes(runs, sizes)]
+        steps = sum(front.cost.steps for front in runs) / len(runs)
+        seconds = sum(front.cost.seconds for front in runs) / len(runs)
+        roads = in_markdown(" + ".join(map(str, runs[0].methods)) or "all")
         rows.append([roads, str(len(runs)), *reached, _short(round(steps)), number(seconds, 0)])
     return f"{_pipes(columns, rows)}\n\nTest returns; steps, with a teacher's, and seconds are means over runs.\n"
 
 
-def spent_words(spent: Spent) -> str:
+def format_cost(spent: Cost) -> str:
     """What something cost: its steps, its teacher's, episodes to choose by, seconds."""
     parts = [
         f"{_short(spent.env_steps)} steps"
@@ -148,7 +147,7 @@ def _rows(front: Front) -> list[dict[str, str]]:
 
 def _cells(point: Point, places: int) -> dict[str, str]:
     (low, high), tested = point.interval, point.test
-    spent, teacher = point.spent, point.spent.teacher_steps
+    spent, teacher = point.cost, point.cost.teacher_steps
     return {
         "nodes": str(point.nodes),
         "rules": str(point.tree.n_leaves),
@@ -156,7 +155,7 @@ def _cells(point: Point, places: int) -> dict[str, str]:
         "validation ± 95 %": f"{number(point.mean, places)} ± {number((high - low) / 2, places)}",
         "test": "—" if tested is None else number(tested.mean, places),
         "± std": "—" if tested is None else number(tested.std, places),
-        "road": point.road,
+        "road": point.method,
         "steps": _short(spent.env_steps) + (f" + {_short(teacher)}" if teacher else ""),
         "episodes": _short(spent.selection_episodes),
         "seconds": number(spent.seconds, 0),
@@ -168,7 +167,7 @@ def _whole(front: Front) -> str:
     tested = {point.test.episodes for point in front.points if point.test is not None}
     validated = {point.validation.episodes for point in front.points}
     facts = [
-        spent_words(front.spent),
+        format_cost(front.cost),
         f"validation on {_numbers(validated)} episodes",
         f"test on {_numbers(tested)}" if tested else "not tested",
         front.date[:10],
@@ -193,14 +192,14 @@ def _wanted(target: Target) -> str:
     return given(target.mean)
 
 
-def _reached(target: Target, of: AtMost, places: int) -> str:
+def _reached(target: Target, of: BestUnderSize, places: int) -> str:
     """The mean over runs; bold where it is what was asked."""
     text = _mean(of, places)
     reached = target.mean is not None and of.mean is not None and of.mean >= target.mean
     return f"**{text}**" if reached else text
 
 
-def _mean(of: AtMost, places: int) -> str:
+def _mean(of: BestUnderSize, places: int) -> str:
     if of.mean is None:
         return NONE_SO_SMALL
     return number(of.mean, places) + ("" if of.std is None else f" ± {number(of.std, places)}")
