@@ -12,10 +12,10 @@ import jax
 
 from ..agents import Agent, Report
 from ..algorithms.metrics import metrics_of, require_finite
-from ..algorithms.train import make_trainer, stops
+from ..algorithms.trainer import make_trainer, stops
 from ..compilation import use_disk_cache
 from ..runs.run import Run
-from ..training import keep_in
+from ..training import save_into
 from .jobs import Result, alone, units_of
 from .method_specs import agent_for
 from .run import begun, kept, tested
@@ -70,4 +70,4 @@ def take_turns(agents: Sequence[Agent], runs: Sequence[Run]) -> None:
 def _keep(agent: Agent, run: Run, elapsed: float) -> None:
     assert agent.state is not None
     metrics = metrics_of(agent.state, elapsed, agent.num_timesteps / elapsed)
-    keep_in(run)(Report(agent, agent.num_timesteps, agent.config.total_timesteps, metrics))
+    save_into(run)(Report(agent, agent.num_timesteps, agent.config.total_timesteps, metrics))
