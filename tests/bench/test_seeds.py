@@ -10,7 +10,7 @@ from gymnasium.spaces import Box, Discrete
 
 from sympol.algorithms.initialization import PURPOSES, host_seed, purpose_key
 from sympol.bench.seeds import SEARCH, TRAINING, require_search_seed, require_training_seed
-from sympol.envs.host import HostEnvs
+from sympol.envs.adapters.gymnasium import HostEnvs
 from sympol.envs.spaces import Features
 from sympol.play import episode_seed
 
