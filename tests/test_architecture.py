@@ -36,7 +36,7 @@ BELOW: dict[str, set[str]] = {
     "evaluate": {"types", "envs", "trees", "film", "play"},
     "runs": {"console", "types", "envs", "trees", "algorithms", "files", "bounded"},
     "serving": {"envs", "trees", "play"},
-    "parallel": {"console", "compilation", "files", "bounded", "interrupts", "terminal"},
+    "parallel": {"console", "compilation", "files", "bounded", "interrupts", "terminal", "threads"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
@@ -159,8 +159,8 @@ def test_outputs_are_the_way_from_a_leaf_to_numbers(file):
     assert not found, f"{found}: call tree.outputs(X), or read tree.leaf_outputs or tree.leaf_actions"
 
 
-KNOWS_WORLDS = {"envs", "presets", "bench"}
-"""Rooms that may know an environment by name; all others ask it for what it can do."""
+KNOWS_WORLDS = {"envs", "presets", "bench", "cli"}
+"""Rooms that may name an environment (the command line in its examples); all others ask it for what it can do."""
 WORLDS_LEFT = {"report/episodes.py", "search/front/gallery.py", "search/front/references.py"}
 """Modules that still list environments by name; this set only shrinks."""
 WORLD = re.compile(r"LunarLander|MiniGrid|CartPole|Acrobot|Pendulum|MountainCar|DistShift")

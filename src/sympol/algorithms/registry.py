@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from .algorithm import Algorithm
-
-ALGORITHMS: dict[str, str | type[Algorithm]] = {
+ALGORITHMS: dict[str, str | type[Any]] = {
     "ppo": "sympol.algorithms.ppo:PPO",
     "a2c": "sympol.algorithms.a2c:A2C",
 }
-"""An `Algorithm`, or the module and name to import it from on first use. A new algorithm is one line here."""
+"""Subclasses of `Algorithm`, or the module and name to import one from on first use. A new algorithm is one line here."""
 
 
-def algorithm_class(name: str) -> type[Algorithm]:
+def algorithm_class(name: str) -> type[Any]:
     """Return the class of an algorithm.
 
     Args:
         name: Its name in `ALGORITHMS`, as in ``Config.algorithm``.
 
     Returns:
-        The class, imported if it has not been used before.
+        The subclass of `Algorithm`, imported if it has not been used before.
 
     Raises:
         KeyError: There is no algorithm of this name; a `Config` never holds one.
