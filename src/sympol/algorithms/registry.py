@@ -9,7 +9,7 @@ ALGORITHMS: dict[str, str | type[Any]] = {
     "ppo": "sympol.algorithms.ppo:PPO",
     "a2c": "sympol.algorithms.a2c:A2C",
 }
-"""Subclasses of `Algorithm`, or the module and name to import one from on first use. A new algorithm is one line here."""
+"""Subclasses of `Algorithm`, or the module and name to import one from. A new algorithm is one line here."""
 
 
 def algorithm_class(name: str) -> type[Any]:
