@@ -20,7 +20,7 @@ import numpy as np
 import sympol
 from sympol.play import play
 from sympol.policies.distributions import distribution_of
-from sympol.runs.about import versions
+from sympol.provenance import versions
 from sympol.trees import DecisionTree
 
 from .timing import write_environments

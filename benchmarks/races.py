@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from studies.galleries.fronts import load
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.search.evaluators.base import make_arena
-from sympol.search.front.gallery import load
 from sympol.search.insertions import grown, sprouts
 from sympol.search.prunings import cut_at, cuts
 from sympol.trees import DecisionTree

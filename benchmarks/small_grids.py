@@ -16,12 +16,12 @@ from collections.abc import Mapping, Sequence
 from statistics import mean
 from typing import Any
 
+from studies.galleries.fronts import load_all
+from studies.galleries.published import targets
 from tests.envs.minigrid_worlds import all_starts
 
 from sympol.envs.minigrid import TASKS, make
 from sympol.search.front.front import Front
-from sympol.search.front.gallery import load_all
-from sympol.search.front.references import targets
 
 from .minigrid import returns_from_all_starts
 from .timing import ROOT, write

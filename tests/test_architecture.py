@@ -22,6 +22,7 @@ BELOW: dict[str, set[str]] = {
     "threads": set(),
     "interrupts": set(),
     "terminal": set(),
+    "provenance": {"threads"},
     "trees": {"files", "bounded"},
     "results": {"trees", "files", "bounded"},
     "functional": {"types", "trees"},
@@ -32,9 +33,9 @@ BELOW: dict[str, set[str]] = {
     "film": {"types", "envs", "trees", "files"},
     "play": {"envs", "trees"},
     "evaluate": {"types", "envs", "trees", "film", "play"},
-    "runs": {"types", "envs", "trees", "algorithms", "files", "bounded"},
+    "runs": {"types", "envs", "trees", "algorithms", "files", "bounded", "provenance"},
     "serving": {"envs", "trees", "play"},
-    "parallel": {"compilation", "files", "bounded", "interrupts", "terminal"},
+    "parallel": {"compilation", "files", "bounded", "interrupts", "terminal", "provenance"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
@@ -86,6 +87,15 @@ def test_imports_go_one_way(file):
         there = room(name)
         if there in BELOW and there != here:
             assert there in BELOW[here], f"{module_of(file)} imports {name}: {here} may not import {there}"
+
+
+def test_only_the_command_imports_bench():
+    importers = {module_of(file) for file in FILES for name in imported(file) if room(name) == "bench"}
+    assert {name for name in importers if room(name) != "bench"} <= {"sympol.cli.bench"}
+
+
+def test_the_package_does_not_know_the_studies():
+    assert not [file for file in FILES if "studies" in file.read_text(encoding="utf-8")]
 
 
 def test_the_test_sees_relative_and_absolute_imports():

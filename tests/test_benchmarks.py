@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks import minigrid, small_grids, timing
+from studies.galleries.fronts import load_all
+from studies.galleries.published import targets
 
 from sympol.envs.minigrid import TASKS, make, make_host
 from sympol.envs.minigrid.reach import all_starts
-from sympol.search.front.gallery import load_all
-from sympol.search.front.references import targets
 from sympol.trees import DecisionTree, DiscreteActions
 
 from .envs.minigrid_worlds import World, load_world, worlds_of

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from sympol.search.front.gallery import load_all, readme
+from studies.galleries.fronts import load_all, readme
 
 ROOT = Path(__file__).resolve().parents[1]
 SLUGS = {
@@ -48,7 +47,7 @@ def test_the_speed_of_programs_is_as_measured():
 
 def test_the_fronts_are_those_of_the_results():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    shown = text.split("<!-- fronts: python -m sympol.search.front.gallery --readme -->\n")[1]
+    shown = text.split("<!-- fronts: python -m studies.galleries.fronts --readme -->\n")[1]
     tasks = load_all(ROOT)
     assert shown.split("<!-- end fronts -->")[0] == readme(tasks)
     quoted = {"CartPole-v1": 5, "sympol/DistShift-Random-v0": 13}

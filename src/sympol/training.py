@@ -11,7 +11,7 @@ import numpy as np
 from .agents import Agent, Callback, Report, load_run
 from .algorithms.rules import LIMITS
 from .play import FEW, Episodes
-from .runs.about import versions
+from .provenance import versions
 from .runs.folder import Run
 from .runs.progress import decimals
 from .teachers import has_soft_tree, keep_soft_tree

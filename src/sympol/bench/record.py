@@ -18,7 +18,7 @@ import numpy as np
 from .. import files
 from ..bounded import parse_json
 from ..results.json_io import dumps, plain, rounded
-from .seeds import require_training_seed
+from ..results.seeds import require_training_seed
 
 Returns: TypeAlias = tuple[tuple[float, ...], ...]
 """Undiscounted returns ``[trainings, episodes]``."""

@@ -17,10 +17,10 @@ from ..bench.method_specs import Settings, import_all, register_method
 from ..bench.plan import ALL, CellPlan, cells_of, plan_cells, selected, tables_of
 from ..bench.record import Record, load_all
 from ..bench.render import write, write_docs
-from ..bench.seeds import TRAINING
 from ..bench.summary import by_cell
 from ..bench.tables import Table
 from ..parallel import Failure
+from ..results.seeds import TRAINING
 from ..threads import use_one_thread
 from .arguments import Bench
 from .console import err, one_line_errors, out, print_error, warnings_in_one_line

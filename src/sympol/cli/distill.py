@@ -20,7 +20,8 @@ from ..distill.dataset import Limits
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..play import play
-from ..runs.about import RunError, file_name, versions
+from ..provenance import versions
+from ..runs.about import RunError, file_name
 from ..runs.folder import Run, require_free
 from ..teachers import ALL_METHODS, DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree

@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from ..bench.bench import only_one
 from ..envs.registry import resolve
 from ..interrupts import interrupts
 from ..runs.about import RunError, file_name
+from ..runs.lock import exclusive
 from ..search.front.config import SHARES, Plan
 from ..search.front.files import fields_of, point_fields
 from ..search.front.front import Front
@@ -120,7 +120,7 @@ def pareto(arguments: Sequence[str]) -> int:
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
     folder = given.out or Path("runs") / f"{file_name(spec.name)}-front-{given.seed}"
     if given.overwrite and (folder / PLAN).exists():
-        with only_one(folder, "search", "--out"):
+        with exclusive(folder, "search", "--out"):
             shutil.rmtree(folder)
     begin(plan, folder)
     err.print(

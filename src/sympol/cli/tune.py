@@ -11,8 +11,8 @@ from rich.markup import escape
 from rich.table import Table as Shown
 
 from ..algorithms.rules import CHOICES
-from ..bench.seeds import SEARCH
 from ..parallel import Failure
+from ..results.seeds import SEARCH
 from ..runs.about import file_name
 from ..runs.progress import decimals
 from ..threads import use_one_thread

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import platform
 import reprlib
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +15,9 @@ import tomli_w
 from .. import __version__, files
 from ..algorithms.config import Config, ConfigError
 from ..bounded import parse_toml
-from ..envs import native
 from ..envs.origin import Origin
 from ..envs.spec import EnvSpec
+from ..provenance import versions
 from ..trees import Group
 
 CONFIG = "config.toml"
@@ -193,15 +191,3 @@ def is_run(config_file: Path) -> bool:
 
 def _group_to_toml(group: Group) -> dict[str, Any]:
     return {name: value for name, value in asdict(group).items() if value is not None}
-
-
-def versions() -> dict[str, str]:
-    """Of everything that a result may depend on."""
-    found = {"python": platform.python_version(), "sympol": __version__}
-    some = ("numba",) if native.is_installed() else ()
-    for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy", *some):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:  # pragma: no cover
-            found[package] = "?"
-    return found

@@ -1,29 +1,21 @@
-"""What stands beside our fronts: the paper's numbers, other published ones, and what was asked of us."""
+"""Published returns that stand beside our fronts, and the targets of our searches."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ...bench.paper import Quantity, paper_number
-from ...bench.record import Cell
-
-
-class Reference(NamedTuple):
-    """A return that somebody else reports."""
-
-    label: str
-    mean: float
-    nodes: float | None = None
-    """Inner nodes and leaves; None for what is no tree."""
+from sympol.bench.paper import Quantity, paper_number
+from sympol.bench.record import Cell
+from sympol.search.front.plot import Reference
 
 
 class Target(NamedTuple):
-    """What a tree of at most ``nodes`` nodes should earn, on average over whole runs."""
+    """The return that a tree of at most ``nodes`` nodes should reach, on average over whole runs."""
 
     nodes: int
     mean: float | None
-    """None where it is no plain return: ``words`` says what it is."""
+    """None where the target is no plain return; then ``words`` state it."""
     words: str = ""
 
 
@@ -43,7 +35,7 @@ _TREES: Mapping[str, tuple[Reference, ...]] = {
     "Acrobot-v1": (Reference("published", -84, 3), Reference("published", -75, 173)),
     "MountainCarContinuous-v0": (Reference("published", 96, 3), Reference("published", 97, 61)),
 }
-"""Deterministic trees of others, the best that we know of; what each is of, docs/pareto.md says."""
+"""The best published deterministic trees that we know of; docs/pareto.md says where each is from."""
 _NETWORKS: Mapping[str, float] = {"LunarLander-v3": 278, "Pendulum-v1": -150}
 """The best published neural networks that we know of."""
 _GRID = Target(15, None, "99.8 % of each episode's optimum")
@@ -62,14 +54,17 @@ _TARGETS: Mapping[str, tuple[Target, ...]] = {
 }
 
 
-def references(environment: str) -> list[Reference]:
-    """Trees by size, then what is no tree; none for a task that nobody reports."""
+def published(environment: str) -> list[Reference]:
+    """Return the published returns of an environment: trees by size, then other policies.
 
-    def of_paper(quantity: Quantity, method: str) -> float | None:
+    An environment that nobody reports on has none.
+    """
+
+    def paper(quantity: Quantity, method: str) -> float | None:
         return paper_number(quantity, Cell(environment, "ppo", method))
 
     found = [*_TREES.get(environment, ())]
-    tree, nodes, mlp = of_paper("return", "tree"), of_paper("nodes", "tree"), of_paper("return", "mlp")
+    tree, nodes, mlp = paper("return", "tree"), paper("nodes", "tree"), paper("return", "mlp")
     if tree is not None and nodes is not None:
         found.append(Reference("SYMPOL, paper", tree, nodes))
     found.sort(key=lambda reference: reference.nodes or 0)
@@ -82,6 +77,12 @@ def references(environment: str) -> list[Reference]:
     return found
 
 
+def best_published(environment: str, nodes: int) -> Reference | None:
+    """Return the published tree with the highest return among those of at most ``nodes`` nodes, if there is any."""
+    small = [one for one in published(environment) if one.nodes is not None and one.nodes <= nodes]
+    return max(small, key=lambda one: one.mean, default=None)
+
+
 def targets(environment: str) -> tuple[Target, ...]:
-    """What was asked of a task's trees, the smallest first; nothing of a task that is not ours."""
+    """Return the targets of an environment, by size; most environments have none."""
     return _TARGETS.get(environment, ())

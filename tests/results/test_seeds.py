@@ -10,10 +10,10 @@ from gymnasium.spaces import Box, Discrete
 
 from sympol.algorithms.collect_host import host_seed
 from sympol.algorithms.init import PURPOSES, purpose_key
-from sympol.bench.seeds import SEARCH, TRAINING, require_search_seed, require_training_seed
 from sympol.envs.host import HostEnvs
 from sympol.envs.spaces import Features
 from sympol.play import episode_seed
+from sympol.results.seeds import SEARCH, TRAINING, require_search_seed, require_training_seed
 
 from ..tiny import Chain
 

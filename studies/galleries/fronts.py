@@ -3,7 +3,7 @@
 Searches that took only some roads are kept apart, in ``results/fronts/roads``: beside the whole ones they say what each
 road brings.
 
-``python -m sympol.search.front.gallery [FOLDER ...]`` keeps what `Front.save` wrote in those folders, and
+``python -m studies.galleries.fronts [FOLDER ...]`` keeps what `Front.save` wrote in those folders, and
 writes the page
 anew. A file holds several whole runs of one task, their trees with them; nothing on the page is typed by hand.
 """
@@ -18,17 +18,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ... import files
-from ...bench.seeds import require_training_seed
-from ...results.json_io import dumps
-from ...runs.about import file_name
-from ...trees import DecisionTree
-from .aggregate import require_one_task
-from .config import SHARES
-from .files import fields_of, front_from, point_fields, read_json
-from .front import Front, FrontError, Point
-from .plot import plot, plot_gallery, smallest
-from .tables import markdown, markdown_by_roads, markdown_of_runs, markdown_of_tasks
+from sympol import files
+from sympol.results.json_io import dumps
+from sympol.results.seeds import require_training_seed
+from sympol.runs.about import file_name
+from sympol.search.front.aggregate import require_one_task
+from sympol.search.front.config import SHARES
+from sympol.search.front.files import fields_of, front_from, point_fields, read_json
+from sympol.search.front.front import Front, FrontError, Point
+from sympol.search.front.plot import plot
+from sympol.search.front.tables import markdown
+from sympol.trees import DecisionTree
+
+from .plots import plot_gallery, smallest
+from .published import published
+from .tables import markdown_by_methods, markdown_of_runs, markdown_of_tasks
 
 FORMAT = "sympol.fronts"
 VERSION = 1
@@ -43,7 +47,7 @@ TASKS = (
 _TREES = 3
 """Drawn of each task."""
 _END = "\n\n"
-_EMPTY = "Nothing has been run yet: `sympol pareto ENV`, then `python -m sympol.search.front.gallery FOLDER`."
+_EMPTY = "Nothing has been run yet: `sympol pareto ENV`, then `python -m studies.galleries.fronts FOLDER`."
 
 
 def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
@@ -131,7 +135,7 @@ def write_docs(
         plot_gallery(tasks, picture)
     for fronts in tasks:
         pictures.append(_picture(images, fronts))
-        plot(fronts, pictures[-1])
+        plot(fronts, pictures[-1], beside=published(fronts[0].environment))
         for point, path in _drawn(images, fronts[0]):
             point.tree.plot(path)
             pictures.append(path)
@@ -144,15 +148,16 @@ def page(tasks: Sequence[Sequence[Front]], parts: Sequence[Sequence[Sequence[Fro
     """The page; its pictures lie in ``images/fronts``. ``parts`` are as of `write_docs`."""
     said = [
         "# Fronts",
-        "Written by `python -m sympol.search.front.gallery` from `results/fronts`; nothing here is typed by hand.",
+        "Written by `python -m studies.galleries.fronts` from `results/fronts`; nothing here is typed by hand.",
     ]
     if not tasks:
         return _END.join([*said, _EMPTY]) + "\n"
     said += [
         "A tree is chosen by what it earns in validation and tested once. A test return is the mean over test "
         "episodes of a deterministic tree, played on the original environments; mean ± standard deviation is over "
-        "whole runs, in brackets the nodes of each run's tree. Bold: the mean is what was asked. What is drawn and "
-        "how to read it: [the front](pareto.md).",
+        "whole runs, in brackets the nodes of each run's tree. Bold: the mean reaches the target. *Published* is the "
+        "best published tree of at most that size, its nodes in brackets. How to read the pictures: "
+        "[the front](pareto.md).",
         "![The fronts of all tasks, and their smallest trees](images/fronts/gallery.svg)",
         *(_section(fronts, list(some)) for fronts, some in itertools.zip_longest(tasks, parts, fillvalue=())),
     ]
@@ -167,7 +172,7 @@ def readme(tasks: Sequence[Sequence[Front]]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """See the module."""
-    parser = argparse.ArgumentParser(prog="python -m sympol.search.front.gallery", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m studies.galleries.fronts", description=__doc__)
     parser.add_argument("folders", nargs="*", type=Path, help="fronts to keep, folders of sympol pareto")
     parser.add_argument("--root", type=Path, default=Path(), help="the repository, or what else has results/")
     parser.add_argument("--readme", action="store_true", help="print the gallery of the README")
@@ -194,7 +199,7 @@ def _section(fronts: Sequence[Front], parts: Sequence[Sequence[Front]]) -> str:
         f"![{name}: return against nodes]({_picture(images, fronts).as_posix()})",
         markdown_of_runs(fronts).rstrip(),
         *(
-            [f"### {name}: what each road brings", markdown_by_roads([*parts, fronts]).rstrip()]
+            [f"### {name}: what each road brings", markdown_by_methods([*parts, fronts]).rstrip()]
             if parts
             else []
         ),
