@@ -27,7 +27,7 @@ lint: install    ## ruff and pyright
 	.venv/bin/pyright
 
 docs: install    ## the documentation, into site/; a broken link is an error
-	.venv/bin/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict --quiet
 
 extras: install
 	$(if $(EXTRAS),.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(EXTRAS)]')

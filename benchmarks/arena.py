@@ -98,7 +98,7 @@ def measured(name: str, given: argparse.Namespace) -> dict[str, Rate]:
     arenas = {"": make_arena(spec, 0)}
     if isinstance(arenas[""], TableArena):
         arenas = {"": CompiledArena(spec, 0), ", looked up": arenas[""]}
-    if spec.is_native:
+    if spec.native is not None:
         arenas[", Gymnasium"] = make_arena(resolve(name, backend="host"), 0)
     calls = {
         size + how: playing(arena, random_trees(spec, depth, num), episodes)

@@ -7,7 +7,7 @@ in a million steps of Gymnasium's CartPole. In ten turns, so that a busy machine
 tenth of them, in rounds short enough that most are not interrupted; what takes microseconds a call through some
 hundreds. Every action is compared with the tree's. PYTHON is the interpreter of a virtual environment with stable-
 baselines3, whose untrained MLP of the usual size is asked one observation a call. Writes results/exports.json and the
-table in docs/exports.md.
+table in docs/guides/exports.md.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ def code_sizes(tree: DecisionTree) -> dict[str, dict[str, int]]:
 
 
 def markdown(content: dict[str, Any]) -> str:
-    """The tables of docs/exports.md."""
+    """The tables of docs/guides/exports.md."""
     size, machine = content["tree"], content["machine"]
     lines = [
         f"Medians over {content['observations']:,} observations that a tree of {size['nodes']} nodes, depth "
@@ -235,7 +235,7 @@ def main() -> None:
     if given.sb3 is not None:
         content["stable_baselines3"] = sb3(given.sb3, x[:10])["versions"]
     path = write("exports", content)
-    put_in_page(json.loads(path.read_text(encoding="utf-8")), ROOT / "docs" / "exports.md")
+    put_in_page(json.loads(path.read_text(encoding="utf-8")), ROOT / "docs" / "guides" / "exports.md")
     print(path.relative_to(ROOT))
 
 

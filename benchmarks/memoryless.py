@@ -21,10 +21,10 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import coo_array, csr_array
-from tests.envs.minigrid_worlds import all_starts
+from tests.envs import minigrid_worlds
 
-from sympol.envs.minigrid import make, reach
-from sympol.search.evaluators.tabular import world_of
+from sympol.envs.capabilities import steps_to_goal
+from sympol.envs.minigrid import make
 
 from .minigrid import PAPER
 from .timing import write
@@ -36,14 +36,14 @@ TIME_LIMIT = 300.0
 def measure(name: str) -> dict[str, Any]:
     """Bound the mean share of the optimum, over all starts by their probability."""
     env = make(name)
-    world = world_of(env)
-    assert world is not None
-    graph, observations, look = world.graph, world.observations, world.sees
+    graph = env.state_graph()
+    assert graph is not None
+    observations, look = graph.observations, graph.observation_of
     num_states, num_actions = graph.successor.shape
 
-    starts, probability = all_starts(env)
-    first = np.array([world.number[key] for key in reach.keys(starts)])
-    best = 1 - 0.9 * reach.steps_to_goal(graph)[first] / env.max_episode_steps
+    starts, probability = minigrid_worlds.all_starts(env)
+    first = graph.index(starts)
+    best = 1 - 0.9 * steps_to_goal(graph.successor, graph.reaches_goal)[first] / env.max_episode_steps
     mass = np.bincount(first, probability / best, num_states)  # what starts there, weighed for a share
 
     # variables: flow through (state, action), what is given up at a state, and which action a look gets

@@ -22,11 +22,12 @@ from rich.table import Table
 from tests.envs.minigrid_worlds import optimal_returns
 
 import sympol
+from sympol.envs.capabilities import steps_to_goal
 from sympol.envs.minigrid import MiniGrid
-from sympol.envs.minigrid.reach import all_starts, keys, steps_to_goal
+from sympol.envs.minigrid.state_graph import all_starts
 from sympol.envs.spec import EnvSpec
 from sympol.play import episode_seed, play
-from sympol.search.evaluators.tabular import world_of
+from sympol.search.evaluators.tabular import play_table
 from sympol.trees import DecisionTree
 
 from .timing import write_environments
@@ -54,12 +55,12 @@ def best_returns(spec: EnvSpec, num_episodes: int) -> np.ndarray:
 
 def returns_from_all_starts(tree: DecisionTree, env: MiniGrid) -> tuple[np.ndarray, np.ndarray]:
     """What the tree earns from each start, following the graph, and the most that can be earned there."""
-    world, starts = world_of(env), all_starts(env)
-    assert world is not None
+    graph, starts = env.state_graph(), all_starts(env)
+    assert graph is not None
     assert starts is not None
-    state, limit = np.array([world.number[key] for key in keys(starts)]), env.max_episode_steps
-    best = 1 - 0.9 * (steps_to_goal(world.graph)[state] / limit)
-    returns, lengths = world.walk(tree.predict(world.observations)[None], state)
+    state, limit = graph.index(starts), env.max_episode_steps
+    best = 1 - 0.9 * (steps_to_goal(graph.successor, graph.reaches_goal)[state] / limit)
+    returns, lengths = play_table(graph, tree.predict(graph.observations)[None], state)
     earned = np.where(returns[0] > 0, 1 - 0.9 * (lengths[0] / limit), 0.0)  # not rounded
     return earned, best
 

@@ -6,7 +6,7 @@ The trees are those that `sympol pareto` found and `results/fronts` keeps: of ea
 as were asked for. Followed through the world's graph, from each start with its probability: the share of the greatest
 return that a policy with memory and sight of everything could have, and whether it comes to the goal at all. Beside it
 what a policy can reach at most that sees what the tree sees and remembers nothing (`benchmarks.memoryless`). Writes
-results/small_grids.json, and prints what docs/pareto.md shows of it.
+results/small_grids.json, and prints what docs/guides/pareto.md shows of it.
 """
 
 from __future__ import annotations

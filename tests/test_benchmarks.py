@@ -12,7 +12,7 @@ from studies.galleries.fronts import load_all
 from studies.galleries.published import targets
 
 from sympol.envs.minigrid import TASKS, make, make_host
-from sympol.envs.minigrid.reach import all_starts
+from sympol.envs.minigrid.state_graph import all_starts
 from sympol.trees import DecisionTree, DiscreteActions
 
 from .envs.minigrid_worlds import World, load_world, worlds_of
@@ -58,7 +58,7 @@ def test_returns_from_all_starts_are_those_on_farama_s_package():
 
 def test_the_small_grids_in_the_docs_are_those_measured_and_of_the_trees_that_are_kept():
     measured = json.loads((timing.ROOT / "results" / "small_grids.json").read_text(encoding="utf-8"))["tasks"]
-    text = (timing.ROOT / "docs" / "pareto.md").read_text(encoding="utf-8")
+    text = (timing.ROOT / "docs" / "guides" / "pareto.md").read_text(encoding="utf-8")
     shown = text.split("<!-- small grids: tests/test_benchmarks.py -->\n")[1].split(
         "<!-- end small grids -->"
     )[0]

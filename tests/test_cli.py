@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import sympol
-from sympol.algorithms.config import Config
-from sympol.algorithms.rules import applies
+from sympol.algorithms.config import Config, applies
 from sympol.cli.commands import COMMANDS
 from sympol.cli.parse import parse_train
 from sympol.runs.folder import Run

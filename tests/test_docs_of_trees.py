@@ -1,4 +1,4 @@
-"""What docs/explain.md and docs/editing.md show is what comes out."""
+"""What docs/guides/explain.md and docs/guides/editing.md show is what comes out."""
 
 import doctest
 import re
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs" / "guides"
 
 
 @pytest.mark.parametrize("page", ["explain", "editing"])

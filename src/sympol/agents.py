@@ -15,10 +15,10 @@ import numpy as np
 from .algorithms.bounds_check import kept_bounds, warn_of_bounds
 from .algorithms.config import Config
 from .algorithms.inference import outputs
+from .algorithms.knobs import whole
 from .algorithms.memory import require_memory
 from .algorithms.metrics import metrics_of, require_finite
 from .algorithms.presets import DEFAULT, preset
-from .algorithms.rules import whole
 from .algorithms.state import TrainState
 from .algorithms.train import make_trainer, stops
 from .algorithms.trainer import Trainer
@@ -242,7 +242,7 @@ class Agent(abc.ABC):
         """Logits, or means, ``[batch, outputs]`` for flat observations ``[batch, features]``."""
         if self.has_tree:
             tree = self.tree(prune=False)
-            return tree.value[tree.apply(x)]
+            return tree.outputs(x)
         return outputs(self.actor, self._trained().normalizer, x)
 
     @property

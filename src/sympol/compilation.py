@@ -9,9 +9,10 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
+import numpy as np
 from jax._src import xla_bridge  # nothing public tells whether JAX has begun to compute
 
 T = TypeVar("T")
@@ -78,6 +79,24 @@ def in_own_thread(work: Callable[[], T]) -> Future[T]:
 
     threading.Thread(target=run, name="compiling").start()
     return result
+
+
+def call_in_batches(program: Callable[[Any], Any], arrays: Any, size: int = 512) -> Any:
+    """Call a compiled program on the rows of arrays, always on the same number, so that one shape is compiled.
+
+    Args:
+        program: A function of a pytree of arrays ``[size, ...]`` that returns another.
+        arrays: A pytree of arrays ``[rows, ...]``.
+        size: Number of rows in one call; the last call is filled up with the first rows.
+
+    Returns:
+        What the program returns, as NumPy arrays ``[rows, ...]``.
+    """
+    require_no_fork()
+    rows = len(jax.tree.leaves(arrays)[0])
+    batches = np.resize(np.arange(rows, dtype=np.int32), -(-rows // size) * size).reshape(-1, size)
+    parts = [program(jax.tree.map(lambda x, batch=batch: x[batch], arrays)) for batch in batches]
+    return jax.tree.map(lambda *x: np.concatenate(x)[:rows], *parts)
 
 
 _forked = False

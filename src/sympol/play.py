@@ -198,7 +198,7 @@ def require_host(spec: EnvSpec) -> None:
 
 def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Actions drawn from the leaves' distributions, for flat observations ``[batch, features]``."""
-    return draw(tree.value[tree.apply(x)], tree.actions, rng)
+    return draw(tree.outputs(x), tree.actions, rng)
 
 
 def draw(values: np.ndarray, actions: ActionSpec, rng: np.random.Generator) -> np.ndarray:

@@ -25,8 +25,8 @@ def cores() -> int:
 def use_one_thread() -> None:
     """Compute with one thread here and in every process started from here, unless the user has said otherwise.
 
-    For many trainings that is the fastest (docs/cluster.md has numbers), and it makes results the same on machines
-    with different numbers of cores. Call it before JAX computes anything; later it does nothing.
+    For many trainings that is the fastest (docs/guides/cluster.md has numbers), and it makes results the same on
+    machines with different numbers of cores. Call it before JAX computes anything; later it does nothing.
     """
     if any(name in os.environ for name in _SAID):
         return

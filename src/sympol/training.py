@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .agents import Agent, Callback, Report, load_run
-from .algorithms.rules import LIMITS
+from .algorithms.config import SIZE_LIMITS
 from .play import FEW, Episodes
 from .provenance import versions
 from .runs.folder import Run
@@ -122,7 +122,7 @@ def _size(agent: Agent) -> dict[str, float]:
     if not agent.has_tree:
         return {}
     tree, config = agent.tree(), agent.config
-    limits = {name: value for name in LIMITS if (value := getattr(config, name))}
+    limits = {name: value for name in SIZE_LIMITS if (value := getattr(config, name))}
     return {
         **limits,
         "nodes": tree.n_nodes,

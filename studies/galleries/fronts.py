@@ -157,7 +157,7 @@ def page(tasks: Sequence[Sequence[Front]], parts: Sequence[Sequence[Sequence[Fro
         "episodes of a deterministic tree, played on the original environments; mean ± standard deviation is over "
         "whole runs, in brackets the nodes of each run's tree. Bold: the mean reaches the target. *Published* is the "
         "best published tree of at most that size, its nodes in brackets. How to read the pictures: "
-        "[the front](pareto.md).",
+        "[the front](guides/pareto.md).",
         "![The fronts of all tasks, and their smallest trees](images/fronts/gallery.svg)",
         *(_section(fronts, list(some)) for fronts, some in itertools.zip_longest(tasks, parts, fillvalue=())),
     ]

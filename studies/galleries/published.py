@@ -35,7 +35,7 @@ _TREES: Mapping[str, tuple[Reference, ...]] = {
     "Acrobot-v1": (Reference("published", -84, 3), Reference("published", -75, 173)),
     "MountainCarContinuous-v0": (Reference("published", 96, 3), Reference("published", 97, 61)),
 }
-"""The best published deterministic trees that we know of; docs/pareto.md says where each is from."""
+"""The best published deterministic trees that we know of; docs/guides/pareto.md says where each is from."""
 _NETWORKS: Mapping[str, float] = {"LunarLander-v3": 278, "Pendulum-v1": -150}
 """The best published neural networks that we know of."""
 _GRID = Target(15, None, "99.8 % of each episode's optimum")

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.algorithms.config import Config, ConfigError, Hyperparameters
-from sympol.algorithms.rules import OWNERS, RANGES
+from sympol.algorithms.config import KNOBS, Config, ConfigError, Hyperparameters
 
 FIELDS = {field.name: field.default for field in dataclasses.fields(Config)}
 NUMBERS = {name for name, default in FIELDS.items() if type(default) in (int, float)}
-RULES = {name: (low, high) for name, low, high in RANGES}
+RULES = {name: (rule.low, rule.high) for name, rule in KNOBS.items() if rule.low is not None}
+OWNERS = {name: rule.only for name, rule in KNOBS.items() if rule.only}
 
 
 def refused(name: str, value: object) -> str:

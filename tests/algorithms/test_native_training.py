@@ -11,7 +11,7 @@ import sympol
 from sympol.algorithms.collect_host import HostCollector
 from sympol.algorithms.config import Config
 from sympol.algorithms.train_host import HostTrainer
-from sympol.envs import native
+from sympol.envs.lunar_lander import engine
 from sympol.envs.registry import MissingExtra, resolve
 from sympol.policies.distributions import distribution_of
 from sympol.runs.folder import Run
@@ -88,7 +88,7 @@ def test_the_output_and_the_folder_say_how(tmp_path, capsys, monkeypatch):
         (True, "in machine code"),
         (False, "through Gymnasium (with Numba it trains faster: pip install 'sympol[box2d]'"),
     ):
-        monkeypatch.setattr(native, "is_installed", lambda installed=installed: installed)
+        monkeypatch.setattr(engine, "is_installed", lambda installed=installed: installed)
         run = tmp_path / f"run{installed}"
         assert status_of("train", TASK, "--eval-episodes", "1", *flags(), "--run-dir", run) == 0
         assert how in " ".join(capsys.readouterr().err.split())
@@ -98,7 +98,7 @@ def test_the_output_and_the_folder_say_how(tmp_path, capsys, monkeypatch):
 def test_where_numba_is_missing_a_run_can_be_read_but_not_continued(tmp_path, monkeypatch):
     stopped = agent(TASK).learn(progress_bar=False, callback=lambda report: False)
     stopped.save(tmp_path / "run")
-    monkeypatch.setattr(native, "is_installed", lambda: False)
+    monkeypatch.setattr(engine, "is_installed", lambda: False)
     loaded = sympol.load(tmp_path / "run")
     assert loaded.predict(np.zeros(8, np.float32))[0] == stopped.predict(np.zeros(8, np.float32))[0]
     sympol.evaluate_policy(loaded.tree(), loaded.spec, 2)

@@ -5,9 +5,9 @@ from importlib.resources import files
 
 import pytest
 
-from sympol.algorithms.config import Config, ConfigError
+from sympol.algorithms.config import KNOBS, Config, ConfigError
 from sympol.algorithms.presets import ANY, preset, presets_of
-from sympol.algorithms.rules import CHOICES
+from sympol.algorithms.registry import ALGORITHMS
 
 ENVIRONMENTS = sorted(
     file.name.removesuffix(".toml")
@@ -46,8 +46,8 @@ PRESETS = [
 
 @pytest.mark.parametrize(("env", "algorithm", "policy", "name", "values"), PRESETS)
 def test_every_preset_is_a_valid_config_and_says_where_it_comes_from(env, algorithm, policy, name, values):
-    assert algorithm in CHOICES["algorithm"]
-    assert policy in CHOICES["policy"]
+    assert algorithm in ALGORITHMS
+    assert policy in KNOBS["policy"].choices
     assert len(values["source"]) > 20
     which = {"algorithm": algorithm, "policy": policy}
     config = Config.from_dict({**which, **preset(env, name, **which)})
@@ -56,8 +56,8 @@ def test_every_preset_is_a_valid_config_and_says_where_it_comes_from(env, algori
             assert getattr(config, field) == (tuple(value) if isinstance(value, list) else value)
 
 
-@pytest.mark.parametrize("algorithm", CHOICES["algorithm"])
-@pytest.mark.parametrize("policy", CHOICES["policy"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("policy", KNOBS["policy"].choices)
 def test_an_environment_without_a_file_gets_the_defaults_of_any(algorithm, policy):
     which = {"algorithm": algorithm, "policy": policy}
     assert presets_of("Nowhere-v0", **which) == {}
@@ -72,8 +72,8 @@ def test_an_environment_without_a_file_gets_the_defaults_of_any(algorithm, polic
 
 
 @pytest.mark.parametrize("env", ENVIRONMENTS)
-@pytest.mark.parametrize("algorithm", CHOICES["algorithm"])
-@pytest.mark.parametrize("policy", CHOICES["policy"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("policy", KNOBS["policy"].choices)
 def test_a_default_of_its_own_goes_before_that_of_any(env, algorithm, policy):
     which = {"algorithm": algorithm, "policy": policy}
     default = presets_of(env, **which).get("default", presets_of(ANY, **which).get("default", {}))

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import sympol.algorithms.train as train_module
-from sympol.algorithms.config import Config, Hyperparameters
+from sympol.algorithms.config import Config, Hyperparameters, applies
 from sympol.algorithms.init import purpose_key
-from sympol.algorithms.rules import applies
 from sympol.algorithms.state import TrainState
 from sympol.algorithms.train import CompiledTrainer, stops
 from sympol.envs.cartpole import CartPole

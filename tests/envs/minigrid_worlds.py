@@ -15,10 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sympol.envs.minigrid import MiniGrid, reach
+from sympol.compilation import call_in_batches
+from sympol.envs.capabilities import steps_to_goal
+from sympol.envs.minigrid import MiniGrid, state_graph
 from sympol.envs.minigrid.cells import EMPTY, KINDS, PORTABLE, bits
 from sympol.envs.minigrid.core import IN_HAND, GridState
-from sympol.envs.minigrid.reach import Graph, explore, in_batches, keys, steps_to_goal
+from sympol.envs.minigrid.state_graph import Exploration, explore, keys
 from sympol.types import Step
 
 
@@ -33,7 +35,7 @@ class World(NamedTuple):
 
 def all_starts(env: MiniGrid) -> tuple[GridState, NDArray[np.float64]]:
     """Every start (batched) and its probability."""
-    draws, states = env.task.start_draws(reach.MAX_STATES), reach.all_starts(env)
+    draws, states = env.task.start_draws(state_graph.MAX_STATES), state_graph.all_starts(env)
     if draws is None or states is None:
         raise ValueError(f"too many starts to list them: {env.task}")
     _, first, num_second = np.unique(draws[:, 0], return_inverse=True, return_counts=True)
@@ -42,10 +44,10 @@ def all_starts(env: MiniGrid) -> tuple[GridState, NDArray[np.float64]]:
 
 def step_all(env: MiniGrid, states: GridState, actions: NDArray) -> tuple[GridState, Step]:
     """One step from each of many states; all of it NumPy's."""
-    return in_batches(_stepping(env), (states, actions.astype(np.int32)))
+    return call_in_batches(_stepping(env), (states, actions.astype(np.int32)))
 
 
-def reachable(env: MiniGrid, start: GridState | None = None) -> Graph:
+def reachable(env: MiniGrid, start: GridState | None = None) -> Exploration:
     """What there is to reach from some states (batched), by default from all starts."""
     graph = explore(env, start)
     assert graph is not None, "too many states"
@@ -57,7 +59,7 @@ def optimal_returns(env: MiniGrid, hosts: Iterable[gymnasium.Env]) -> NDArray[np
     states = states_of(env, [world_of(host) for host in hosts])
     graph = reachable(env, states)
     index = {key: i for i, key in enumerate(keys(graph.states))}
-    steps = steps_to_goal(graph)[[index[key] for key in keys(states)]]
+    steps = steps_to_goal(graph.successor, graph.reaches_goal)[[index[key] for key in keys(states)]]
     limit = env.max_episode_steps
     return np.array([1 - 0.9 * (n / limit) if n <= limit else 0.0 for n in steps.tolist()])
 

@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sympol.envs.capabilities import UNREACHABLE, steps_to_goal
 from sympol.envs.env import Env
-from sympol.envs.minigrid import TASKS, View, make, make_host, reach
+from sympol.envs.minigrid import TASKS, View, make, make_host, state_graph
 from sympol.envs.minigrid.cells import EMPTY, LAVA, UNSEEN, WALL
-from sympol.envs.minigrid.reach import UNREACHABLE, observe_all, steps_to_goal
+from sympol.envs.minigrid.state_graph import observe_all
 from sympol.envs.registry import MissingExtra, UnknownEnvironment, resolve
 from sympol.trees.groups import require_one_hot
 
@@ -257,14 +258,15 @@ def test_a_view_of_ones_own() -> None:
 
 def test_the_shortest_way() -> None:
     env = make("MiniGrid-Empty-5x5-v0")
-    assert steps_to_goal(reachable(env))[0] == 5  # two ahead, a turn, two ahead
+    graph = reachable(env)
+    assert steps_to_goal(graph.successor, graph.reaches_goal)[0] == 5  # two ahead, a turn, two ahead
     seeds = range(8)
     hosts = [make_host(DOOR_KEY) for _ in seeds]
     for seed, host in zip(seeds, hosts, strict=True):
         host.reset(seed=seed)
     best = optimal_returns(make(DOOR_KEY), hosts)
     graph = reachable(make(DOOR_KEY))
-    steps = steps_to_goal(graph)
+    steps = steps_to_goal(graph.successor, graph.reaches_goal)
     assert (steps < UNREACHABLE).all()
     assert set(best) <= {1 - 0.9 * (n / 250) for n in steps.tolist()}
     without_key = make(DOOR_KEY, actions=(0, 1, 2, 5))
@@ -296,8 +298,8 @@ def test_large_worlds_are_not_listed(limit: str, monkeypatch: pytest.MonkeyPatch
     spec = resolve("MiniGrid-Fetch-5x5-N2-v0")
     assert spec.all_observations() is None
     for most in (1, 55, 100, 159):  # starts of DoorKey: 48; states: 160
-        monkeypatch.setattr(reach, limit, most)
-        assert reach.all_observations.__wrapped__(make(DOOR_KEY)) is None
+        monkeypatch.setattr(state_graph, limit, most)
+        assert state_graph.all_observations.__wrapped__(make(DOOR_KEY)) is None
 
 
 def test_too_many_starts_to_list() -> None:

@@ -8,9 +8,10 @@ import sys
 import numpy as np
 import pytest
 
-from sympol.envs import native
 from sympol.envs.host import HostEnvs
-from sympol.envs.native import TASKS, NativeEnvs
+from sympol.envs.lunar_lander import engine
+from sympol.envs.lunar_lander.engine import IDS as TASKS
+from sympol.envs.lunar_lander.engine import NativeEnvs
 from sympol.envs.registry import MissingExtra, register, resolve
 
 NUM_ENVS = 6
@@ -127,13 +128,13 @@ def test_it_is_taken_where_it_is_installed(name, monkeypatch):
     assert isinstance(host.host_envs(1), HostEnvs)
     np.testing.assert_array_equal(spec.features.high, host.features.high)
     assert np.all(spec.features.high <= 10)
-    monkeypatch.setattr(native, "is_installed", lambda: False)
+    monkeypatch.setattr(engine, "is_installed", lambda: False)
     assert resolve(name).backend == "host"
 
 
 def test_without_numba_the_message_says_how_to_install_it(monkeypatch):
     envs = NativeEnvs(2)
-    monkeypatch.setattr(native, "is_installed", lambda: False)
+    monkeypatch.setattr(engine, "is_installed", lambda: False)
     command = r"pip install 'sympol\[box2d\]'"
     with pytest.raises(MissingExtra, match=command):
         resolve("LunarLander-v3", backend="native")

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.algorithms.rules import MAX_TIMESTEPS
-from sympol.functional.schedules import NUM_STAGES, Shuffle, num_minibatches, stage
+from sympol.algorithms.config import MAX_TIMESTEPS
+from sympol.algorithms.growth import NUM_STAGES, num_minibatches, stage
+from sympol.functional.shuffle import Shuffle
 
 traced_stage = jax.jit(stage, static_argnums=(1, 2))
 

@@ -1,4 +1,4 @@
-"""A Dask scheduler and its workers, as `docs/cluster.md` starts them, on loopback."""
+"""A Dask scheduler and its workers, as `docs/guides/cluster.md` starts them, on loopback."""
 
 from __future__ import annotations
 

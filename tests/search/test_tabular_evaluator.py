@@ -9,7 +9,7 @@ from sympol.distill.cart import fit_cart
 from sympol.search.evaluators import tabular
 from sympol.search.evaluators.base import Played, make_arena
 from sympol.search.evaluators.jax import CompiledArena
-from sympol.search.evaluators.tabular import TableArena, world_of
+from sympol.search.evaluators.tabular import TableArena
 
 from .loops import SEED, assert_same, grown, spec_of
 
@@ -37,17 +37,18 @@ def test_episodes_are_those_of_the_compiled_arena(name, monkeypatch):
 def test_where_only_keys_and_doors_lead_to_the_goal():
     """A large tree that does in each observation what most shortest ways do: no tree of a few leaves ever arrives."""
     spec = spec_of("MiniGrid-DoorKey-5x5-v0")
-    world = world_of(spec.env)
-    assert world is not None
-    successor, far = world.graph.successor, 10**6
-    steps = np.where(world.graph.reaches_goal.any(axis=1), 1, far)
+    graph = spec.state_graph()
+    assert graph is not None
+    successor, far = graph.successor, 10**6
+    steps = np.where(graph.reaches_goal.any(axis=1), 1, far)
+    after = np.zeros(0)
     for _ in range(50):
-        after = np.where(world.graph.reaches_goal, 1, np.where(successor >= 0, steps[successor] + 1, far))
+        after = np.where(graph.reaches_goal, 1, np.where(successor >= 0, steps[successor] + 1, far))
         steps = after.min(axis=1)
     shortest = (after == steps[:, None]) & (steps < far)[:, None]
-    votes = np.zeros((len(world.observations), successor.shape[1]), int)
-    np.add.at(votes, world.sees, shortest)
-    tree = fit_cart(world.observations, votes.argmax(axis=1), spec, depth=None, seed=0)
+    votes = np.zeros((len(graph.observations), successor.shape[1]), int)
+    np.add.at(votes, graph.observation_of, shortest)
+    tree = fit_cart(graph.observations, votes.argmax(axis=1), spec, depth=None, seed=0)
     played = TableArena(spec, SEED).play([tree], range(200))
     assert_same(played, CompiledArena(spec, SEED).play([tree], range(200)))
     assert tree.n_leaves > 20
@@ -58,5 +59,5 @@ def test_where_only_keys_and_doors_lead_to_the_goal():
 def test_worlds_that_are_too_large_or_no_grids_are_played_otherwise():
     for name in ("MiniGrid-FourRooms-v0", "CartPole-v1"):
         spec = spec_of(name)
-        assert world_of(spec.env) is None
+        assert spec.state_graph() is None
         assert isinstance(make_arena(spec, SEED), CompiledArena)

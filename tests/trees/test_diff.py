@@ -9,8 +9,8 @@ from sympol.trees.boxes import space
 from sympol.trees.diff import diff, regions
 from sympol.trees.edit import cut, graft, set_action, set_feature, set_threshold, split_tree
 from sympol.trees.override import force
-from sympol.trees.verify.language import parse_condition
-from sympol.trees.verify.logic import boxes_of
+from sympol.trees.verify.conditions import boxes_of
+from sympol.trees.verify.grammar import parse_condition
 
 from .samples import (
     ACTIONS,

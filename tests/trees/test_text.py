@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,12 +7,10 @@ from sympol.trees.text import question
 
 from .samples import ACTIONS, HOSTILE_NAMES, chain, random_tree
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "trees"
-
 
 @pytest.mark.parametrize("name", ["cartpole", "pendulum", "front"])
 @pytest.mark.parametrize("form", ["txt", "json", "py", "rules"])
-def test_golden(name, form, request):
+def test_golden(name, form, request, golden):
     tree: DecisionTree = request.getfixturevalue(name)
     written = {
         "txt": lambda: str(tree) + "\n",
@@ -22,7 +18,7 @@ def test_golden(name, form, request):
         "py": tree.to_python,
         "rules": lambda: "\n".join(tree.rules()) + "\n",
     }[form]()
-    assert written == (GOLDEN / f"{name}.{form}").read_text(encoding="utf-8")
+    golden(f"trees/{name}.{form}", written)
 
 
 def test_digits(cartpole):

@@ -9,8 +9,8 @@ from typing import Any
 import optuna
 import pytest
 
-from sympol.algorithms.config import Config
-from sympol.algorithms.rules import CHOICES
+from sympol.algorithms.config import KNOBS, Config
+from sympol.algorithms.registry import ALGORITHMS
 from sympol.tune.search_spaces import (
     Range,
     corner,
@@ -23,7 +23,7 @@ from sympol.tune.search_spaces import (
 )
 from sympol.tune.study import Search
 
-WHICH = [(algorithm, policy) for algorithm in CHOICES["algorithm"] for policy in CHOICES["policy"]]
+WHICH = [(algorithm, policy) for algorithm in ALGORITHMS for policy in KNOBS["policy"].choices]
 
 
 @pytest.mark.parametrize("env", ["CartPole-v1", "Pendulum-v1"])

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
-from ..functional.schedules import Shuffle
+from ..functional.shuffle import Shuffle
 from ..policies.distributions import Distribution
 from ..types import Transition
 from .batch import Batch, coefficients, divide, make_batch

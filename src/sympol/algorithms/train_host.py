@@ -12,13 +12,13 @@ from jaxtyping import Int
 
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
-from ..functional.schedules import stage
 from ..policies.distributions import distribution_of
 from ..types import Transition
 from .bounds_check import watch_bounds
 from .collect import empty_rollout
 from .collect_host import HostCollector
 from .config import Config, Hyperparameters
+from .growth import stage
 from .init import init_state, normalizer_of
 from .state import Episodes, TrainState
 from .train_loop import improve, with_score

@@ -17,7 +17,6 @@ from jax.sharding import Mesh
 from jaxtyping import Int
 
 from ..envs.env import Env
-from ..functional.schedules import stage
 from ..policies.distributions import Distribution, distribution_of
 from ..types import Transition
 from . import a2c, ppo
@@ -25,6 +24,7 @@ from .bounds_check import watch_bounds
 from .collect import collect, empty_rollout, reset_envs
 from .config import Config, Hyperparameters
 from .freezing import warming_up
+from .growth import stage
 from .init import are_held, init_state, normalizer_of, purpose_key, refit_normalizer
 from .normalize_start import settle, spread
 from .sharding import divide_envs

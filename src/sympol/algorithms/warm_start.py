@@ -18,7 +18,7 @@ from ..trees import DecisionTree
 from ..trees.actions import ActionSpec, BoxActions
 from ..trees.coverage import nodes_met
 from .config import Config
-from .rules import ConfigError
+from .knobs import ConfigError
 from .state import Normalizer, TrainState, Warm
 
 

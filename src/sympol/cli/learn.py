@@ -14,7 +14,6 @@ from typing import Any
 from .. import STARTED, files
 from ..agents import Agent, Report
 from ..algorithms.config import Config
-from ..envs import native
 from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..interrupts import interrupts, say
@@ -114,12 +113,8 @@ def _limit(config: Config) -> str:
 
 
 def _through(spec: EnvSpec) -> str:
-    if (
-        spec.backend == "host"
-        and spec.name in native.TASKS
-        and not (spec.env_kwargs or native.is_installed())
-    ):
-        return "through Gymnasium (with Numba it trains faster: pip install 'sympol[box2d]')"
+    if spec.speed_hint:
+        return f"through Gymnasium ({spec.speed_hint})"
     return {"jax": "inside one compiled program", "native": "in machine code"}.get(
         spec.backend, "through Gymnasium"
     )

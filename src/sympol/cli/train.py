@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..agents import Agent, agent_of, load_run
+from ..algorithms.config import SIZE_LIMITS
 from ..algorithms.memory import require_memory
-from ..algorithms.rules import LIMITS
 from ..envs.registry import resolve
 from ..runs.about import RunError, file_name
 from ..runs.checkpoint import DamagedCheckpoint
@@ -80,7 +80,7 @@ def _same_run(given: Train, agent: Agent) -> Run:
     was["start"], now["start"] = (None if start is None else start.about() for start in (begun, begins))
     for config, said in ((run.config, was), (agent.config, now)):
         said.update(
-            {name: getattr(config, name) for name in LIMITS}
+            {name: getattr(config, name) for name in SIZE_LIMITS}
         )  # which are not written where there are none
     changed = [f"{name} {was[name]}, not {now[name]}" for name in was if was[name] != now[name]]
     if begun is not None and begins is not None and begun.tree != begins.tree:

@@ -11,14 +11,14 @@ from ..envs.spec import EnvSpec
 from ..runs.about import CONFIG, RunError, require_no_import
 from ..runs.folder import Run
 from ..trees import DecisionTree
-from ..trees.read_text import FENCE, read_header
+from ..trees.text_parser import FENCE, parse_document
 from .arguments import PlaysRun
 
 
 def tree_from(path: Path) -> DecisionTree:
     """The tree of a run's folder, or of a .json or .txt file.
 
-    What features and actions a .txt is about, its header says (`sympol.trees.read_text`), itself or by naming an
+    What features and actions a .txt is about, its header says (`sympol.trees.text_parser`), itself or by naming an
     environment; without a header, the policy.json beside it does.
 
     Raises:
@@ -40,7 +40,7 @@ def tree_from(path: Path) -> DecisionTree:
 
 
 def _from_text(path: Path, text: str) -> DecisionTree:
-    header = read_header(text).content
+    header = parse_document(text).header
     if "features" in header:
         return DecisionTree.from_text(text)
     if "env" in header:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table as Shown
 
-from ..algorithms.rules import CHOICES
 from ..parallel import Failure
 from ..results.seeds import SEARCH
 from ..runs.about import file_name
@@ -122,7 +121,9 @@ def _report(given: Tune, study: Study, stem: Path, failures: Sequence[Failure]) 
     if given.save_preset is not None:
         save_preset(study, given.save_preset)
         words = ["sympol", "train", given.env, "--preset", str(given.save_preset)]
-        words += [f"--{name}={getattr(given, name)}" for name in CHOICES if _is_other(given, name)]
+        words += [
+            f"--{name}={getattr(given, name)}" for name in ("algorithm", "policy") if _is_other(given, name)
+        ]
         words += ["--env-kwargs", *given.env_kwargs] if given.env_kwargs else []
         err.print(f"the best is in {given.save_preset}; train with it: {shlex.join(words)}", markup=False)
     return 1 if failures else 0

@@ -21,6 +21,7 @@ from ..trees.verify import (
     Property,
     Verdict,
     action_range,
+    action_regions,
     equal,
     margin,
     noise,
@@ -30,7 +31,6 @@ from ..trees.verify import (
 from ..trees.verify import (
     verify as prove,
 )
-from ..trees.verify.summary import taken
 from .arguments import Folder, PlaysRun
 from .console import one_line_errors, out
 from .parse import parse
@@ -157,7 +157,7 @@ def _print_summary(tree: DecisionTree) -> None:
         for name, (low, high) in action_range(tree).items():
             out.print(f"  {printable(name)} from {low:.7g} to {high:.7g}", markup=False)
     else:
-        for one in taken(tree):
+        for one in action_regions(tree):
             count = f"{len(one.leaves)} {'leaf' if len(one.leaves) == 1 else 'leaves'}"
             only = f", only where {one.only_where}" if one.only_where else ""
             out.print(f"  {one.action}: {count}{only}", markup=False)

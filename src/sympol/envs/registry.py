@@ -16,15 +16,16 @@ import gymnasium
 from ..trees.groups import Group
 from . import minigrid
 from .acrobot import Acrobot
+from .capabilities import NativeEngine
 from .cartpole import CartPole
 from .doubts import warn_of_environment
 from .env import Env
 from .equality import step_limit
 from .host import EnvironmentFailure, MissingExtra
 from .jax_env import kept_to_protocol, time_limit
+from .lunar_lander import engine as lander
 from .mountain_car import MountainCar, MountainCarContinuous
 from .names import NAMES, known_names
-from .native import TASKS, has_task
 from .origin import Origin, Wrapping, copier, describe, wrap
 from .pendulum import Pendulum
 from .spaces import Features, action_spec, require_spaces
@@ -104,7 +105,7 @@ def _was_replaced(env_id: str) -> bool:
     if env_id in _BUILT_IN and _ENTRIES.get(env_id, Entry()).env not in (None, _BUILT_IN[env_id].env):
         return True
     spec = gymnasium.registry.get(env_id)
-    if spec is None or not (env_id in _BUILT_IN or env_id in NAMES or env_id in TASKS):
+    if spec is None or not (env_id in _BUILT_IN or env_id in NAMES or env_id in lander.IDS):
         return False
     limit = getattr(_BUILT_IN[env_id].env, "max_episode_steps", None) if env_id in _BUILT_IN else None
     return (
@@ -134,6 +135,7 @@ def resolve(
     groups: Sequence[Group] | None = None,
     backend: Backend = "auto",
     wrappers: Sequence[Wrapping] = (),
+    require_installed: bool = True,
 ) -> EnvSpec:
     """Find an environment by id, object or factory, and describe it.
 
@@ -141,7 +143,8 @@ def resolve(
     insists on the form written in JAX, "native" on our own machine code, "host" on Gymnasium's; "auto" takes the first
     of these that there is, machine code only where Numba is installed. Names and groups default to the registered
     ones, the environment's own, or ``x[0]`` and ``action 0``. ``wrappers`` of Gymnasium's are put around an
-    environment that is named by its id, the first of them innermost.
+    environment that is named by its id, the first of them innermost. Without ``require_installed``, backend "native" is
+    accepted where Numba is missing; then only training fails.
 
     Raises:
         UnknownEnvironment: no environment has this id; the message offers near ones.
@@ -184,7 +187,13 @@ def resolve(
     as_it_is = isinstance(env, str) and not (
         entry.env or entry.host or kwargs or wrappers or _was_replaced(name)
     )
-    is_native = not in_jax and backend != "host" and has_task(name, as_it_is, insist=backend == "native")
+    native = None if in_jax else _native(name, as_it_is, insist=backend == "native")
+    speed_hint = ""
+    if native is not None and not native.is_installed():
+        if backend == "native" and require_installed:
+            native.require_installed()
+        speed_hint = "" if backend == "native" else native.install_hint
+        native = native if backend == "native" else None
 
     known = known_names(example, name)
 
@@ -207,13 +216,25 @@ def resolve(
         actions=action_spec(example.action_space, own("action_names", action_names)),
         max_episode_steps=_max_episode_steps(example),
         has_one_copy=has_one_copy,
-        is_native=is_native,
+        native=None if backend == "host" else native,
+        speed_hint=speed_hint,
         all_observations=getattr(jax_env, "all_observations", not_listed),
         find_origin=find_origin,
         find_copies=find_copies,
     )
     warn_of_environment(example, name, len(spec.features.names))
     return spec
+
+
+def _native(name: str, as_it_is: bool, *, insist: bool) -> NativeEngine | None:
+    """The machine code of an environment that is exactly what Gymnasium makes of its id; None where there is none."""
+    engine = lander.ENGINE if name in lander.IDS and as_it_is else None
+    if insist and engine is None:
+        raise ValueError(
+            f"{name} cannot be stepped by our own machine code, which has {' and '.join(lander.IDS)}, by id and "
+            "without env_kwargs; use backend='host' or 'auto'"
+        )
+    return engine
 
 
 class _Source(NamedTuple):

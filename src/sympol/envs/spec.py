@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..trees.actions import ActionSpec
+from .capabilities import NativeEngine, StateGraph, VectorEnvs
 from .env import Env
 from .host import HostEnvs
-from .native import NativeEnvs
 from .origin import Origin, Wrapping
 from .spaces import Features
 
@@ -38,8 +38,9 @@ class EnvSpec:
 
     ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
     ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. An environment object is played itself:
-    then ``has_one_copy`` is true, and `copies` may make more that are proven to be the same. ``is_native`` says that
-    our own machine code steps it. ``all_observations`` lists all there can be; it returns None where nobody can.
+    then ``has_one_copy`` is true, and `copies` may make more that are proven to be the same. ``native`` is the
+    machine code that it is trained on, if any. ``all_observations`` lists all there can be; it returns None where
+    nobody can.
     """
 
     name: str
@@ -52,7 +53,8 @@ class EnvSpec:
     max_episode_steps: int | None
     has_one_copy: bool = False  # make_host returns the user's own object, each time
     most_copies: int = 16  # open at once where whole episodes are played
-    is_native: bool = False
+    native: NativeEngine | None = None
+    speed_hint: str = ""  # what to install for faster training
     all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
     find_origin: Callable[[], Origin] = Origin
     find_copies: Callable[[], HostFactory | None] = no_copies
@@ -87,7 +89,12 @@ class EnvSpec:
         """What it is trained on."""
         if self.env is not None:
             return "jax"
-        return "native" if self.is_native else "host"
+        return "host" if self.native is None else "native"
+
+    def state_graph(self) -> StateGraph | None:
+        """Return all states and transitions of a small world written in JAX, None for any other environment."""
+        list_states = getattr(self.env, "state_graph", None)
+        return None if list_states is None else list_states()
 
     def trained_with(self, num_envs: int) -> EnvSpec:
         """The same environment for whoever trains on ``num_envs`` copies: no more of them are ever open at once.
@@ -96,10 +103,10 @@ class EnvSpec:
         """
         return replace(self, most_copies=min(self.most_copies, num_envs)) if self.backend == "host" else self
 
-    def host_envs(self, num_envs: int) -> HostEnvs | NativeEnvs:
+    def host_envs(self, num_envs: int) -> VectorEnvs:
         """Make copies to step together on the host. Raises ValueError where that many cannot be made."""
-        if self.is_native:
-            return NativeEnvs(num_envs)
+        if self.native is not None:
+            return self.native.make_envs(num_envs)
         if self.make_host is None:
             raise ValueError(f"{self.name} is written in JAX and has no form in Gymnasium")
         if not self.has_one_copy:

@@ -1,4 +1,4 @@
-"""Many tasks, one result: in this process, in several, or on a cluster (docs/cluster.md).
+"""Many tasks, one result: in this process, in several, or on a cluster (docs/guides/cluster.md).
 
 >>> task = Task("seed 1", "sympol.bench.somewhere:train", {"env": "CartPole-v1", "seed": 1})
 >>> run_tasks([task], workers=2, on_done=lambda task, result: print(task.name, result))  # doctest: +SKIP

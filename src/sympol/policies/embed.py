@@ -96,7 +96,7 @@ def embed(
     thresholds[at, feature] = tree.threshold[where.split[kept]]
     value = leaf_logits(tree, confidence)
     if kept_leaves is not None:
-        value = np.where(kept_leaves[:, None], tree.value, value)
+        value = np.where(kept_leaves[:, None], tree.leaf_outputs, value)
     return Tree(
         feature_logits=jnp.asarray(logits, jnp.float32),
         thresholds=jnp.asarray(thresholds),
@@ -119,7 +119,7 @@ def leaf_logits(tree: DecisionTree, confidence: float) -> Float32[np.ndarray, "n
     """
     actions = tree.actions
     if isinstance(actions, BoxActions):
-        return tree.value
+        return tree.leaf_outputs
     sizes = (actions.n,) if isinstance(actions, DiscreteActions) else actions.nvec
     least = 1 / min((size for size in sizes if size > 1), default=math.inf)
     if not least < confidence <= 1:
@@ -128,8 +128,8 @@ def leaf_logits(tree: DecisionTree, confidence: float) -> Float32[np.ndarray, "n
             f"{confidence}"
         )
     if confidence == 1:
-        return tree.value
-    parts = np.split(tree.value, np.cumsum(sizes)[:-1], axis=1)
+        return tree.leaf_outputs
+    parts = np.split(tree.leaf_outputs, np.cumsum(sizes)[:-1], axis=1)
     return np.concatenate([_softened(part, confidence) for part in parts], axis=1)
 
 

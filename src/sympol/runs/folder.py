@@ -6,7 +6,7 @@
 | `metrics.csv` | a row a validation |
 | `checkpoints/` | the newest two states of the training |
 | `start.json` | the tree that the training started from, if it did; `[run.start]` of the config says where it is from |
-| `policy.json` | the tree (docs/tree-json.md) |
+| `policy.json` | the tree (docs/guides/tree-json.md) |
 | `policy.py`, `tree.txt`, `tree.svg` | the tree as a program, as text, as a picture |
 | `summary.json` | what it earns, how big it is, how long it took |
 
@@ -22,7 +22,6 @@ import json
 import os
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -31,7 +30,6 @@ from ..algorithms.config import Config
 from ..algorithms.state import TrainState
 from ..algorithms.warm_start import Start
 from ..bounded import parse_json
-from ..envs import native
 from ..envs.origin import Origin
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
@@ -241,7 +239,6 @@ class Run:
         if self._env is not None and not is_named:
             return resolve(self._env, **names)
         backend = self.about["backend"]
-        without_numba = backend == "native" and not native.is_installed()
         remedy = (
             "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id"
         )
@@ -255,7 +252,8 @@ class Run:
                 name,
                 env_kwargs=origin.env_kwargs,
                 wrappers=origin.wrappers,
-                backend="host" if without_numba else backend,
+                backend=backend,
+                require_installed=False,
                 **names,
             )
         except UnknownEnvironment as error:
@@ -265,7 +263,6 @@ class Run:
             ) from error
         except (TypeError, ValueError) as error:
             raise RunError(f"{self.path / CONFIG}: {error}") from error
-        spec = replace(spec, is_native=True) if without_numba else spec
         return spec.trained_with(self.config.num_envs)
 
     @contextlib.contextmanager

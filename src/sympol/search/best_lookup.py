@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from ..envs.minigrid.reach import steps_to_goal
-from .evaluators.tabular import TableArena, World
+from ..envs.capabilities import StateGraph, steps_to_goal
+from .evaluators.tabular import TableArena, path, play_table
 from .evolve import Budget
 
 EPISODES = 1024
@@ -50,7 +50,7 @@ class Lookup(NamedTuple):
 
 def best_lookup(arena: TableArena, *, budget: Budget, seed: int = 0) -> Lookup:
     """Search until nothing can be better, or the budget is spent. With a budget in steps, the same seed ends alike."""
-    search = _Search(arena.world, arena.starts(range(EPISODES)), np.random.default_rng(seed))
+    search = _Search(arena.graph, arena.starts(range(EPISODES)), np.random.default_rng(seed))
     began = time.perf_counter()
     best, mean = search.begin(), -np.inf
     for act in search.policies():
@@ -64,33 +64,35 @@ def best_lookup(arena: TableArena, *, budget: Budget, seed: int = 0) -> Lookup:
         ):
             break
     seen = search.seen(best)
-    return Lookup(arena.world.observations[seen], best[seen], mean, mean >= search.most - GAIN, search.steps)
+    return Lookup(arena.graph.observations[seen], best[seen], mean, mean >= search.most - GAIN, search.steps)
 
 
 class _Search:
     """Policies are integer arrays, an action for each observation of the world."""
 
-    def __init__(self, world: World, starts: Int[np.ndarray, " episodes"], rng: np.random.Generator) -> None:
-        self.world, self.rng, self.steps = world, rng, 0
+    def __init__(
+        self, graph: StateGraph, starts: Int[np.ndarray, " episodes"], rng: np.random.Generator
+    ) -> None:
+        self.graph, self.rng, self.steps = graph, rng, 0
         self.starts, counts = np.unique(starts, return_counts=True)
         self.weights = counts / counts.sum()
-        self.shape = len(world.observations), world.graph.successor.shape[1]
-        states = np.arange(len(world.sees))
+        self.shape = len(graph.observations), graph.num_actions
+        states = np.arange(len(graph.observation_of))
         self.anywhere = states if len(states) <= ANYWHERE else rng.choice(states, ANYWHERE, replace=False)
-        rewards = np.append(world.rewards, 0)  # the last for what takes longer than there is time
-        self.to_goal = np.minimum(steps_to_goal(world.graph), len(world.rewards))
+        rewards = np.append(graph.reward_at, 0)  # the last for what takes longer than there is time
+        self.to_goal = np.minimum(steps_to_goal(graph.successor, graph.reaches_goal), len(graph.reward_at))
         self.most = float(rewards[self.to_goal[self.starts]].astype(float) @ self.weights)
 
     def begin(self) -> Int[np.ndarray, " observations"]:
         """In each observation what shortest ways do in most states that look so, states weighed at random."""
         after = np.where(
-            self.world.graph.reaches_goal,
+            self.graph.reaches_goal,
             0,
-            np.where(self.world.graph.successor >= 0, self.to_goal[self.world.graph.successor], np.inf),
+            np.where(self.graph.successor >= 0, self.to_goal[self.graph.successor], np.inf),
         )
         votes = np.zeros(self.shape)
         weighed = (after + 1 == self.to_goal[:, None]) * self.rng.random((len(after), 1))
-        np.add.at(votes, self.world.sees, weighed)
+        np.add.at(votes, self.graph.observation_of, weighed)
         return votes.argmax(axis=1)
 
     def policies(self) -> Iterator[Int[np.ndarray, " observations"]]:
@@ -113,8 +115,10 @@ class _Search:
 
     def seen(self, act: Int[np.ndarray, " observations"]) -> Bool[np.ndarray, " observations"]:
         """Which observations the policy acts on, from any start."""
-        ways = (self.world.way(act, start) for start in self.starts.tolist())
-        return np.isin(np.arange(self.shape[0]), self.world.sees[[state for way in ways for state in way]])
+        ways = (path(self.graph, act, start) for start in self.starts.tolist())
+        return np.isin(
+            np.arange(self.shape[0]), self.graph.observation_of[[state for way in ways for state in way]]
+        )
 
     def _climb(
         self, act: Int[np.ndarray, " observations"]
@@ -144,6 +148,6 @@ class _Search:
     def _returns(
         self, acts: Int[np.ndarray, "policies observations"], states: Int[np.ndarray, " states"]
     ) -> Float[np.ndarray, "policies states"]:
-        returns, lengths = self.world.walk(acts, states)
+        returns, lengths = play_table(self.graph, acts, states)
         self.steps += int(lengths.sum(dtype=np.int64))
         return returns.astype(float)

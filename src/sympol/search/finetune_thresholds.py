@@ -247,7 +247,7 @@ class Numbers:
     def moved(self, steps: Float[np.ndarray, " size"]) -> DecisionTree:
         """The tree with each number moved so many steps."""
         way = np.asarray(steps) * self.scale
-        threshold, value = self.tree.threshold.copy(), self.tree.value.copy()
+        threshold, value = self.tree.threshold.copy(), self.tree.leaf_outputs.copy()
         n = len(self.splits)
         threshold[self.splits] = flushed(np.float32(threshold[self.splits] + way[:n]))
         if len(self.leaves):

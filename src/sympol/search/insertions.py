@@ -58,7 +58,7 @@ def sprouts(
         node = nodes[int(rng.integers(len(nodes)))]
         here = rows[node]
         x, acted = observations[here], int(leaf[here[int(rng.integers(len(here)))]])
-        value = moves.other_answer(Leaf(tuple(tree.value[acted].tolist())), rng).value
+        value = moves.other_answer(Leaf(tuple(tree.leaf_outputs[acted].tolist())), rng).value
         other = leaf_tree(tree, np.array(value, np.float32))
         feature = int(rng.choice(np.flatnonzero((x != x[0]).any(axis=0))))
         values = np.unique(x[:, feature])
@@ -79,4 +79,4 @@ def grown(tree: DecisionTree, some: Iterable[Sprout]) -> DecisionTree:
 
 
 def _acts_as(tree: DecisionTree, leaf: int, other: DecisionTree) -> bool:
-    return bool((tree.actions.decide(tree.value[leaf : leaf + 1]) == tree.actions.decide(other.value)).all())
+    return bool((tree.leaf_actions[leaf] == other.leaf_actions).all())

@@ -63,9 +63,9 @@ def close(actor: Tree, shift: np.ndarray, scale: np.ndarray, small: DecisionTree
     values = np.array(actor.leaf_values)
     for above, answer in shape.ends.items():
         first, last = _leaves_below(above, len(inner))
-        alike = (values[first:last] == small.value[answer]).all(axis=1)
+        alike = (values[first:last] == small.leaf_outputs[answer]).all(axis=1)
         leaf = first + int(np.argmax(alike))  # where none is alike, the first
-        values[leaf] = small.value[answer]
+        values[leaf] = small.leaf_outputs[answer]
         shape.close_between(above, leaf + len(inner))
     way, thresholds = shape.way[:, None], np.asarray(actor.thresholds)
     thresholds = np.where(way < 0, np.float32(CLOSED), np.where(way > 0, np.float32(-CLOSED), thresholds))

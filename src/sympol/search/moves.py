@@ -49,7 +49,7 @@ def plain(tree: DecisionTree) -> Plain:
     nodes: list[Plain] = []
     for i in range(tree.n_nodes - 1, -1, -1):
         if tree.is_leaf[i]:
-            nodes.append(Leaf(tuple(tree.value[i].tolist())))
+            nodes.append(Leaf(tuple(tree.leaf_outputs[i].tolist())))
         else:
             nodes.append(Split(int(tree.feature[i]), float(tree.threshold[i]), nodes.pop(), nodes.pop()))
     return nodes[0]

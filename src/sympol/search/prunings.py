@@ -18,7 +18,7 @@ from jaxtyping import Float, Float32, Int
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from ..trees.edit import graft_all, subtree, subtree_end
-from ..trees.traversal import descend
+from ..trees.preorder import descend
 
 
 class Cut(NamedTuple):
@@ -59,7 +59,7 @@ def cut_at(tree: DecisionTree, some: Iterable[Cut]) -> DecisionTree:
 
 def _answers(tree: DecisionTree) -> Float[np.ndarray, "nodes outputs"]:
     """What is done at each node, as numbers."""
-    return tree.actions.decide(tree.value).reshape(tree.n_nodes, -1).astype(np.float64)
+    return tree.leaf_actions.reshape(tree.n_nodes, -1).astype(np.float64)
 
 
 def _at(tree: DecisionTree, node: int, seen: _Seen) -> Iterator[Cut]:
@@ -73,7 +73,7 @@ def _at(tree: DecisionTree, node: int, seen: _Seen) -> Iterator[Cut]:
         ends_in[comes] = descend(*links, x[comes], child)
         kept, removed = subtree(tree, child), end - node - (stop - child)
         at = ends_in - child
-        for part in (kept, _refitted(kept, at, wanted, np.unique(at[comes]), tree.value[leaf])):
+        for part in (kept, _refitted(kept, at, wanted, np.unique(at[comes]), tree.leaf_outputs[leaf])):
             if part is not None:
                 yield Cut(node, part, removed, _change(part, at, wanted, len(seen.x)))
 
@@ -94,7 +94,7 @@ def _refitted(
     values: Float32[np.ndarray, "steps outputs"],
 ) -> DecisionTree | None:
     """The part with other answers at the leaves that were touched; None where they stay."""
-    value = part.value.copy()
+    value = part.leaf_outputs.copy()
     for leaf in touched:
         rows = at == leaf
         if isinstance(part.actions, BoxActions):

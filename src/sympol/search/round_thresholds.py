@@ -84,7 +84,7 @@ def _unnoticed(tree: DecisionTree, seen: Float32[np.ndarray, "steps features"]) 
     And with answers as they are given: what lies beyond the bounds of actions is done at them.
     """
     if isinstance(tree.actions, BoxActions):
-        answers = tree.actions.decide(tree.value).reshape(tree.value.shape)
+        answers = tree.leaf_actions.reshape(tree.leaf_outputs.shape)
         tree = replace(tree, value=np.where(tree.is_leaf[:, None], answers, 0), n_node_samples=None)
     come_by = tree.decision_path(seen).T
     for node in _numbers(tree):
@@ -118,8 +118,8 @@ def _with_threshold(tree: DecisionTree, node: int, threshold: float) -> Decision
 
 def _shorter_answers(tree: DecisionTree, leaf: int) -> Iterator[DecisionTree]:
     """With the answer of a leaf rounded to no digit, to one, …."""
-    answer = tree.value[leaf].tolist()
+    answer = tree.leaf_outputs[leaf].tolist()
     for digits in range(max(map(digits_of, answer))):
-        value = tree.value.copy()
+        value = tree.leaf_outputs.copy()
         value[leaf] = [float(f"{shortest(x):.{digits - 1}e}") if digits else 0.0 for x in answer]
         yield replace(tree, value=value, n_node_samples=None)

@@ -22,14 +22,14 @@ import numpy as np
 
 from .floats import flushed, next_above
 from .groups import Group
+from .preorder import depths
 from .simplest_float import readable
-from .traversal import depths
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float32, Int
     from numpy.typing import ArrayLike
 
-    from .tree import DecisionTree
+    from .base import BaseTree
 
 _LARGEST = np.finfo(np.float32).max
 MOST_INTERVALS = 2**25
@@ -137,7 +137,7 @@ class Boxes:
         return x
 
 
-def space(tree: DecisionTree, *, bounds: bool) -> Boxes:
+def space(tree: BaseTree, *, bounds: bool) -> Boxes:
     """Return all observations that there are, as one box.
 
     With ``bounds`` only those within the bounds of the space, both ends included: there NaN is none. Bounds that
@@ -176,7 +176,7 @@ def check_size(n_boxes: int, n_features: int) -> None:
         )
 
 
-def node_boxes(tree: DecisionTree, *, bounds: bool) -> Boxes:
+def node_boxes(tree: BaseTree, *, bounds: bool) -> Boxes:
     """Return the observations that come by each node: box i is of node i, empty where it cannot be reached."""
     start = space(tree, bounds=bounds)
     low, high, nan = (np.repeat(array, tree.n_nodes, axis=0) for array in (start.low, start.high, start.nan))
@@ -192,12 +192,12 @@ def node_boxes(tree: DecisionTree, *, bounds: bool) -> Boxes:
     return replace(start, low=low, high=high, nan=nan)
 
 
-def leaf_boxes(tree: DecisionTree, *, bounds: bool) -> Boxes:
+def leaf_boxes(tree: BaseTree, *, bounds: bool) -> Boxes:
     """Return the observations that end in each leaf, in the order of ``np.flatnonzero(tree.is_leaf)``."""
     return node_boxes(tree, bounds=bounds)[tree.is_leaf]
 
 
-def unreachable_leaves(tree: DecisionTree, *, bounds: bool = True) -> Int[np.ndarray, " leaves"]:
+def unreachable_leaves(tree: BaseTree, *, bounds: bool = True) -> Int[np.ndarray, " leaves"]:
     """Return the leaves in which no observation ends; with ``bounds``, none within the bounds of the space."""
     leaves = np.flatnonzero(tree.is_leaf)
     return leaves[leaf_boxes(tree, bounds=bounds).is_empty]

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 import numpy as np
 
 from .actions import DiscreteActions
+from .base import BaseTree
 from .explanation_features import Around, around, positions
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Float32
@@ -56,7 +56,7 @@ class Counterfactual:
 
 
 def nearest(
-    tree: DecisionTree,
+    tree: BaseTree,
     observation: ArrayLike,
     wanted: Callable[[np.ndarray], Any],
     *,
@@ -80,7 +80,7 @@ def nearest(
         ValueError, TypeError: as `explain` does.
     """
     here = around(tree, observation)
-    actions = tree.actions.decide(tree.value[here.leaves])
+    actions = tree.leaf_actions[here.leaves]
     mask = np.array([bool(wanted(action)) for action in actions])
     found = _nearest(Costs.of(tree, here, immutable, norm, scale), mask)
     if found is None:
@@ -90,7 +90,7 @@ def nearest(
 
 
 def counterfactuals(
-    tree: DecisionTree,
+    tree: BaseTree,
     here: Around,
     *,
     immutable: Iterable[str | int] = (),
@@ -102,7 +102,7 @@ def counterfactuals(
     Of a discrete space all actions are asked for, of the others all that some leaf takes.
     """
     costs = Costs.of(tree, here, immutable, norm, scale)
-    actions = tree.actions.decide(tree.value[here.leaves])
+    actions = tree.leaf_actions[here.leaves]
     own = actions[np.searchsorted(here.leaves, here.leaf)]
     space = tree.actions
     every = np.arange(space.n) + space.start if isinstance(space, DiscreteActions) else actions
@@ -128,7 +128,7 @@ class Costs:
     @classmethod
     def of(
         cls,
-        tree: DecisionTree,
+        tree: BaseTree,
         here: Around,
         immutable: Iterable[str | int],
         norm: Norm,
@@ -191,7 +191,7 @@ def _nearest(costs: Costs, mask: Bool[np.ndarray, " leaves"]) -> tuple[int, floa
 
 
 def _counterfactual(
-    tree: DecisionTree, here: Around, action: np.ndarray, row: int | None, distance: float
+    tree: BaseTree, here: Around, action: np.ndarray, row: int | None, distance: float
 ) -> Counterfactual:
     answer = ", ".join(tree.actions.words(action))
     if row is None:

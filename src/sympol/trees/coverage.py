@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from .base import BaseTree
 from .boxes import node_boxes, space
-from .tree import DecisionTree
-from .verify.language import parse_condition
-from .verify.logic import boxes_of
+from .verify.conditions import boxes_of
+from .verify.grammar import parse_condition
 
 
-def nodes_met(tree: DecisionTree, condition: str) -> tuple[int, ...]:
+def nodes_met(tree: BaseTree, condition: str) -> tuple[int, ...]:
     """Return the nodes that observations come by of which a condition holds, in the order of the tree.
 
     The condition is a property's ``when``: ``"pole angle > 0.1 and cart velocity > 0"``. As long as these nodes stay

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from .base import BaseTree
 from .boxes import leaf_boxes, node_boxes, space
 from .edit import require_same_space, subtree, subtree_end
 from .format_region import region_words
 from .text import leaf_words, question
-from .tree import DecisionTree
-from .verify.arrivals import send
+from .verify.conditions import propagate
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -109,7 +109,7 @@ class Difference:
         return "\n".join(self.sentences)
 
 
-def diff(before: DecisionTree, after: DecisionTree, observations: ArrayLike | None = None) -> Difference:
+def diff(before: BaseTree, after: BaseTree, observations: ArrayLike | None = None) -> Difference:
     """Tell two trees apart.
 
     Args:
@@ -129,7 +129,7 @@ def diff(before: DecisionTree, after: DecisionTree, observations: ArrayLike | No
     return Difference(tuple(_changes(before, after)), alike, visited)
 
 
-def _visited(before: DecisionTree, after: DecisionTree, x: np.ndarray) -> Visited:
+def _visited(before: BaseTree, after: BaseTree, x: np.ndarray) -> Visited:
     leaves = np.stack([np.atleast_1d(before.apply(x)), np.atleast_1d(after.apply(x))], axis=1)
     counts: dict[tuple[str, str], int] = {}
     for (a, b), count in zip(*np.unique(leaves, axis=0, return_counts=True), strict=True):
@@ -139,7 +139,7 @@ def _visited(before: DecisionTree, after: DecisionTree, x: np.ndarray) -> Visite
     return Visited(len(x), dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
 
 
-def _changes(before: DecisionTree, after: DecisionTree) -> Iterator[Change]:
+def _changes(before: BaseTree, after: BaseTree) -> Iterator[Change]:
     """Go down both trees together as long as they ask the same."""
     start, boxes = space(before, bounds=True), node_boxes(before, bounds=True)
     awaited = [(0, 0)]
@@ -163,7 +163,7 @@ def _changes(before: DecisionTree, after: DecisionTree) -> Iterator[Change]:
             yield from regions(before, after, a)
 
 
-def _reworded(before: DecisionTree, after: DecisionTree, a: int, b: int) -> list[tuple[int, int]] | None:
+def _reworded(before: BaseTree, after: BaseTree, a: int, b: int) -> list[tuple[int, int]] | None:
     """The nodes that differ, where the form below is the same and so are all features or most nodes; else None."""
     parts = subtree(before, a), subtree(after, b)
     if parts[0].children_left.tolist() != parts[1].children_left.tolist():
@@ -177,7 +177,7 @@ def _reworded(before: DecisionTree, after: DecisionTree, a: int, b: int) -> list
     return differ if trained_on or len(differ) <= max(1, parts[0].n_nodes // 3) else None
 
 
-def regions(before: DecisionTree, after: DecisionTree, node: int = 0) -> Iterator[Change]:
+def regions(before: BaseTree, after: BaseTree, node: int = 0) -> Iterator[Change]:
     """Go through all regions within the bounds in which two trees of one space act differently.
 
     Only observations count that come by a node of the one before. The regions do not overlap, and outside of them
@@ -189,7 +189,7 @@ def regions(before: DecisionTree, after: DecisionTree, node: int = 0) -> Iterato
     # some leaves after the others: all at once could be very many regions
     at_once = max(1, _AT_ONCE // (after.n_leaves * max(before.n_features, 1)))
     for some in np.array_split(below, -(-len(below) // at_once)):
-        ends = send(boxes[some], after)
+        ends = propagate(boxes[some], after)
         for j in np.argsort(ends.origin, kind="stable"):
             leaf, end = int(leaves[some[ends.origin[j]]]), int(ends.leaf[j])
             if _acts(before, leaf) != _acts(after, end):
@@ -198,23 +198,23 @@ def regions(before: DecisionTree, after: DecisionTree, node: int = 0) -> Iterato
                 )
 
 
-def _asks(tree: DecisionTree, node: int) -> tuple[int, float]:
+def _asks(tree: BaseTree, node: int) -> tuple[int, float]:
     return int(tree.feature[node]), float(tree.threshold[node])
 
 
-def _acts(tree: DecisionTree, leaf: int) -> list[float]:
+def _acts(tree: BaseTree, leaf: int) -> list[float]:
     """What a leaf does; nothing, at an inner node."""
-    return tree.actions.decide(tree.value[[leaf]]).ravel().tolist() if tree.is_leaf[leaf] else []
+    return tree.leaf_actions[leaf].ravel().tolist() if tree.is_leaf[leaf] else []
 
 
-def _said(tree: DecisionTree, node: int) -> str:
+def _said(tree: BaseTree, node: int) -> str:
     """What a leaf does, or what an inner node asks."""
     if tree.is_leaf[node]:
         return ", ".join(leaf_words(tree, node))
     return f"“{question(tree, node).words}”"
 
 
-def _all_said(tree: DecisionTree, node: int) -> str:
+def _all_said(tree: BaseTree, node: int) -> str:
     """The same, and how much there is below."""
     n = subtree_end(tree, node) - node - 1
     return f"{_said(tree, node)} with {n} nodes below" if n else _said(tree, node)

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .actions import BoxActions
+from .base import BaseTree, TreeT
 from .floats import brief, flushed
 from .name_lookup import Action, feature_position, leaf_value
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .text import leaf_words
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _LINKS = ("children_left", "children_right")
 
 
-def set_action(tree: DecisionTree, leaf: int, action: Action) -> DecisionTree:
+def set_action(tree: TreeT, leaf: int, action: Action) -> TreeT:
     """Return the tree in which a leaf takes another action.
 
     The action is a name or a number; options for each component; numbers where it is continuous. The leaf's
@@ -37,12 +37,12 @@ def set_action(tree: DecisionTree, leaf: int, action: Action) -> DecisionTree:
     Raises:
         ValueError, TypeError: no such leaf, or no such action.
     """
-    value = tree.value.copy()
+    value = tree.leaf_outputs.copy()
     value[require_leaf(tree, leaf)] = leaf_value(tree.actions, action)
     return replace(tree, value=value, n_node_samples=None)
 
 
-def set_threshold(tree: DecisionTree, node: int, threshold: float) -> DecisionTree:
+def set_threshold(tree: TreeT, node: int, threshold: float) -> TreeT:
     """Return the tree in which an inner node compares with another threshold, rounded to float32.
 
     Raises:
@@ -53,7 +53,7 @@ def set_threshold(tree: DecisionTree, node: int, threshold: float) -> DecisionTr
     return replace(tree, threshold=thresholds, n_node_samples=None)
 
 
-def set_feature(tree: DecisionTree, node: int, feature: str | int) -> DecisionTree:
+def set_feature(tree: TreeT, node: int, feature: str | int) -> TreeT:
     """Return the tree in which an inner node looks at another feature, given by name or position.
 
     Raises:
@@ -64,7 +64,7 @@ def set_feature(tree: DecisionTree, node: int, feature: str | int) -> DecisionTr
     return replace(tree, feature=features, n_node_samples=None)
 
 
-def cut(tree: DecisionTree, node: int, action: Action | None = None) -> DecisionTree:
+def cut(tree: TreeT, node: int, action: Action | None = None) -> TreeT:
     """Return the tree in which an inner node and all below it became one leaf.
 
     Without an ``action`` it takes the one most visits below it ended in, or, where visits are not known or there
@@ -79,7 +79,7 @@ def cut(tree: DecisionTree, node: int, action: Action | None = None) -> Decision
     return _replaced(tree, node, leaf_tree(tree, value))
 
 
-def graft(tree: DecisionTree, node: int, other: DecisionTree) -> DecisionTree:
+def graft(tree: TreeT, node: int, other: TreeT) -> TreeT:
     """Return the tree in which another one stands in the place of a node, and of all below it.
 
     Raises:
@@ -89,7 +89,7 @@ def graft(tree: DecisionTree, node: int, other: DecisionTree) -> DecisionTree:
     return _replaced(tree, require_node(tree, node), other)
 
 
-def graft_all(tree: DecisionTree, parts: Iterable[tuple[int, DecisionTree]]) -> DecisionTree:
+def graft_all(tree: TreeT, parts: Iterable[tuple[int, TreeT]]) -> TreeT:
     """Return the tree with all of these grafts: each a node and what stands in its place. Of one within another only
     the outer counts.
 
@@ -101,7 +101,7 @@ def graft_all(tree: DecisionTree, parts: Iterable[tuple[int, DecisionTree]]) -> 
     return tree
 
 
-def subtree(tree: DecisionTree, node: int) -> DecisionTree:
+def subtree(tree: TreeT, node: int) -> TreeT:
     """Return what is below a node, the node included, as a tree of its own.
 
     Raises:
@@ -116,7 +116,7 @@ def subtree(tree: DecisionTree, node: int) -> DecisionTree:
     return replace(tree, **arrays, **links, n_node_samples=visits)
 
 
-def leaf_tree(tree: DecisionTree, value: Float32[np.ndarray, " outputs"]) -> DecisionTree:
+def leaf_tree(tree: TreeT, value: Float32[np.ndarray, " outputs"]) -> TreeT:
     """Return a tree of the same space that is one leaf."""
     return replace(
         tree,
@@ -129,7 +129,7 @@ def leaf_tree(tree: DecisionTree, value: Float32[np.ndarray, " outputs"]) -> Dec
     )
 
 
-def split_tree(feature: int, threshold: float, left: DecisionTree, right: DecisionTree) -> DecisionTree:
+def split_tree(feature: int, threshold: float, left: TreeT, right: TreeT) -> TreeT:
     """Return the tree that asks one question and goes on with one of two trees of the same space.
 
     Its visits are those of both, where both know theirs.
@@ -149,19 +149,19 @@ def split_tree(feature: int, threshold: float, left: DecisionTree, right: Decisi
         **links,
         feature=np.concatenate([[feature], left.feature, right.feature]),
         threshold=np.concatenate([[threshold], left.threshold, right.threshold]),
-        value=np.concatenate([np.zeros((1, left.actions.n_outputs)), left.value, right.value]),
+        value=np.concatenate([np.zeros((1, left.actions.n_outputs)), left.leaf_outputs, right.leaf_outputs]),
         n_node_samples=visits,
     )
 
 
-def subtree_end(tree: DecisionTree, node: int) -> int:
+def subtree_end(tree: BaseTree, node: int) -> int:
     """Return the first node behind those below ``node``."""
     while tree.children_right[node] != NO_CHILD:
         node = int(tree.children_right[node])
     return node + 1
 
 
-def require_node(tree: DecisionTree, node: int) -> int:
+def require_node(tree: BaseTree, node: int) -> int:
     """Return a node's number. Raises ValueError or TypeError where it is none."""
     if isinstance(node, bool) or not isinstance(node, int | np.integer):
         raise TypeError(f"a node is a whole number, got {node!r}")
@@ -170,7 +170,7 @@ def require_node(tree: DecisionTree, node: int) -> int:
     return int(node)
 
 
-def require_leaf(tree: DecisionTree, node: int) -> int:
+def require_leaf(tree: BaseTree, node: int) -> int:
     """Return a leaf's number. Raises ValueError or TypeError where it is none."""
     if not tree.is_leaf[require_node(tree, node)]:
         raise ValueError(
@@ -180,7 +180,7 @@ def require_leaf(tree: DecisionTree, node: int) -> int:
     return int(node)
 
 
-def require_split(tree: DecisionTree, node: int) -> int:
+def require_split(tree: BaseTree, node: int) -> int:
     """Return an inner node's number. Raises ValueError or TypeError where it is none."""
     if tree.is_leaf[require_node(tree, node)]:
         raise ValueError(
@@ -204,7 +204,7 @@ def checked_threshold(threshold: float) -> float:
     return rounded
 
 
-def require_same_space(tree: DecisionTree, other: DecisionTree) -> None:
+def require_same_space(tree: BaseTree, other: BaseTree) -> None:
     """Raise ValueError unless two trees see the same features, in the same groups, and choose the same actions."""
     pairs = {
         "features": (tree.feature_names, other.feature_names),
@@ -219,7 +219,7 @@ def require_same_space(tree: DecisionTree, other: DecisionTree) -> None:
             )
 
 
-def _without_noise(tree: DecisionTree) -> object:
+def _without_noise(tree: BaseTree) -> object:
     return replace(tree.actions, std=None) if isinstance(tree.actions, BoxActions) else tree.actions
 
 
@@ -228,20 +228,20 @@ def _some(nodes: np.ndarray) -> str:
     return f"{shown}, …" if len(nodes) > 8 else shown or "none"
 
 
-def _common_value(tree: DecisionTree, node: int, end: int) -> Float32[np.ndarray, " outputs"]:
+def _common_value(tree: BaseTree, node: int, end: int) -> Float32[np.ndarray, " outputs"]:
     leaves = np.arange(node, end)[tree.is_leaf[node:end]]
     visits = np.zeros(len(leaves)) if tree.n_node_samples is None else tree.n_node_samples[leaves]
     weights = visits if visits.any() else np.ones(len(leaves))
-    chosen = [action.tobytes() for action in tree.actions.decide(tree.value[leaves])]
+    chosen = [action.tobytes() for action in tree.leaf_actions[leaves]]
     totals = {action: 0.0 for action in chosen}
     for action, weight in zip(chosen, weights.tolist(), strict=True):
         totals[action] += weight
     common = max(totals, key=lambda action: totals[action])
     candidates = [i for i, action in enumerate(chosen) if action == common]
-    return tree.value[leaves[max(candidates, key=lambda i: weights[i])]]
+    return tree.leaf_outputs[leaves[max(candidates, key=lambda i: weights[i])]]
 
 
-def _replaced(tree: DecisionTree, node: int, part: DecisionTree) -> DecisionTree:
+def _replaced(tree: TreeT, node: int, part: TreeT) -> TreeT:
     """The tree with ``part`` where the subtree of ``node`` was; every subtree is one slice of the arrays."""
     end = subtree_end(tree, node)
     grown = part.n_nodes - (end - node)

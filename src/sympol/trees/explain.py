@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from .base import BaseTree
 from .counterfactual import Counterfactual, Norm, counterfactuals
 from .explanation_features import around
 from .sufficient_reason import Reason, smallest_reason
 from .text import leaf_conditions, leaf_words
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -78,7 +78,7 @@ class Explanation:
 
 
 def explain(
-    tree: DecisionTree,
+    tree: BaseTree,
     observation: ArrayLike,
     *,
     immutable: Iterable[str | int] = (),
@@ -106,7 +106,7 @@ def explain(
     way = " and ".join(condition.words() for condition in known.values())
     return Explanation(
         observation=here.x,
-        action=tree.actions.decide(tree.value[[here.leaf]])[0],
+        action=tree.leaf_actions[here.leaf],
         answer=answer,
         leaf=here.leaf,
         sentence=f"{answer}, because {way}." if way else f"{answer}, always.",

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from .base import BaseTree
 from .boxes import Boxes, leaf_boxes
 from .floats import number, observation_batch, printable
 from .groups import Group
 from .name_lookup import position
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float32, Int
@@ -70,7 +70,7 @@ class Around:
         return np.all(self.keeps | self.can, axis=1)
 
 
-def around(tree: DecisionTree, observation: ArrayLike) -> Around:
+def around(tree: BaseTree, observation: ArrayLike) -> Around:
     """Look around an observation.
 
     Raises:
@@ -100,14 +100,14 @@ def around(tree: DecisionTree, observation: ArrayLike) -> Around:
     )
 
 
-def units_of(tree: DecisionTree) -> tuple[Unit, ...]:
+def units_of(tree: BaseTree) -> tuple[Unit, ...]:
     """Return the units of a tree, in the order of their first features."""
     single = (Unit(name, (i,)) for i, name in enumerate(tree.feature_names) if i not in tree.group_of)
     grouped = (Unit(group.name or "/".join(group.categories), group.features, group) for group in tree.groups)
     return tuple(sorted((*single, *grouped), key=lambda unit: min(unit.features)))
 
 
-def positions(tree: DecisionTree, units: tuple[Unit, ...], named: Iterable[str | int]) -> set[int]:
+def positions(tree: BaseTree, units: tuple[Unit, ...], named: Iterable[str | int]) -> set[int]:
     """Return which units are meant by names of features and of groups, or by positions of features.
 
     Raises:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from .base import BaseTree
 from .boxes import Boxes
 from .floats import next_below
 from .text import Choice, Interval
-from .tree import DecisionTree
 
 
-def region_words(tree: DecisionTree, box: Boxes, space: Boxes) -> str:
+def region_words(tree: BaseTree, box: Boxes, space: Boxes) -> str:
     """Say what is true of the observations in one box and not of all in the space; nothing where that is all.
 
     Args:
@@ -34,7 +34,7 @@ def region_words(tree: DecisionTree, box: Boxes, space: Boxes) -> str:
     return " and ".join(words for _, words in sorted(phrases))
 
 
-def _interval(tree: DecisionTree, feature: int, box: Boxes, space: Boxes) -> Interval:
+def _interval(tree: BaseTree, feature: int, box: Boxes, space: Boxes) -> Interval:
     low, high = box.low[0, feature], box.high[0, feature]
     whole = feature in tree.integers
     below = float(low) - 1 if whole else float(next_below(low))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .actions import ActionSpec, BoxActions, DiscreteActions
+from .base import TreeT
 from .floats import SMALLEST_NORMAL, brief, flushed
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Float32, Float64, Int
@@ -21,8 +21,11 @@ RAREST = 1e-9
 
 
 def from_sklearn(
-    estimator: DecisionTreeClassifier | DecisionTreeRegressor, actions: ActionSpec, **space: Any
-) -> DecisionTree:
+    estimator: DecisionTreeClassifier | DecisionTreeRegressor,
+    actions: ActionSpec,
+    kind: type[TreeT],
+    **space: Any,
+) -> TreeT:
     """Make our tree of a fitted one of scikit-learn's, which acts as it does on every finite observation.
 
     A classifier's classes are the actions' numbers or names, one output for each component of
@@ -56,7 +59,7 @@ def from_sklearn(
         np.where(leaf, NO_CHILD, place[children[order]])
         for children in (grown.children_left, grown.children_right)
     )
-    return DecisionTree(
+    return kind(
         children_left=left,
         children_right=right,
         feature=np.where(leaf, NO_FEATURE, grown.feature[order]),
@@ -82,7 +85,7 @@ def _grown(estimator: Any) -> Any:
 
 
 def _space(estimator: Any, n_features: int, **given: Any) -> dict[str, Any]:
-    """What a `DecisionTree` needs to know of observations, as given or by default."""
+    """What a tree needs to know of observations, as given or by default."""
     if given.get("feature_names") is None:
         own = getattr(estimator, "feature_names_in_", [f"x[{i}]" for i in range(n_features)])
         given["feature_names"] = tuple(map(str, own))

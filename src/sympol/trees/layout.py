@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .tree import DecisionTree
+from .base import BaseTree
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
 
 def tidy(
-    tree: DecisionTree,
+    tree: BaseTree,
     size: Float[np.ndarray, " nodes"],
     gap: float,
     right_first: Bool[np.ndarray, " nodes"] | None = None,
@@ -51,7 +51,7 @@ def tidy(
     return centre
 
 
-def levels(tree: DecisionTree, size: Float[np.ndarray, " nodes"], gap: float) -> Float[np.ndarray, " nodes"]:
+def levels(tree: BaseTree, size: Float[np.ndarray, " nodes"], gap: float) -> Float[np.ndarray, " nodes"]:
     """Return each node's centre along the axis on which children follow parents; the root's edge is at 0."""
     depth = tree.node_depth
     thickness = np.zeros(depth.max() + 1)

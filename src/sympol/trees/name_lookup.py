@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -14,11 +16,12 @@ from .floats import brief, flushed, printable
 if TYPE_CHECKING:
     from jaxtyping import Float32
 
-    from .tree import DecisionTree
+    from .base import BaseTree
 
 Action: TypeAlias = str | int | float | Sequence[Any] | np.ndarray
 """An action as people give it: see `action_of`."""
 
+_UNIT = re.compile(r"(.*\S)\s*\([^()]*\)", re.DOTALL)
 _MOST_COMPARED, _LONGEST_COMPARED = 1000, 200
 """Names, and their characters, among which a similar one is looked for: it takes time in proportion to the square."""
 
@@ -38,14 +41,22 @@ def did_you_mean(name: str, names: Sequence[str]) -> str:
     return f"there are {some}{', …' if len(known) > 8 else ''}"
 
 
+def without_units(names: Sequence[str]) -> Mapping[str, str]:
+    """Return the names by their forms without the unit at their end: ``{"pole angle": "pole angle (rad)"}``.
+
+    A form that two names share, or that is another name in full, is left out.
+    """
+    short = [(found[1], name) for name in names if (found := _UNIT.fullmatch(name))]
+    called = Counter((*names, *(form for form, _ in short)))
+    return {form: name for form, name in short if called[form] == 1}
+
+
 def position(name: str, names: Sequence[str], what: str) -> int:
     """Return where a name is among these, as it is, as it is printed, or without the unit that it ends in.
 
     Raises:
         ValueError: if it is none of them, or more than one is called so.
     """
-    from .verify.names import without_units  # the language of rules is built on this module
-
     found = [i for i, one in enumerate(names) if one == name]
     found = found or [i for i, one in enumerate(names) if printable(one).strip() == name.strip()]
     if not found and (in_full := without_units(names).get(name.strip())) is not None:
@@ -59,7 +70,7 @@ def position(name: str, names: Sequence[str], what: str) -> int:
     return found[0]
 
 
-def feature_position(tree: DecisionTree, feature: str | int) -> int:
+def feature_position(tree: BaseTree, feature: str | int) -> int:
     """Return the position of a feature in an observation, given by name or by that position.
 
     Raises:

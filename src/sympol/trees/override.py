@@ -2,7 +2,7 @@
 
     forced = force(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
 
-The condition is a property's ``when`` (`sympol.trees.verify.language`). Each of its cases becomes a chain of
+The condition is a property's ``when`` (`sympol.trees.verify.grammar`). Each of its cases becomes a chain of
 questions from the root down, where every other answer leads on to the tree as it was, without what the questions
 above have decided. So the rule adds few nodes to a small tree, and holds by construction: `verify` proves it.
 
@@ -14,33 +14,32 @@ everywhere in a tree.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
 
+from .base import BaseTree, TreeT
 from .boxes import Boxes, space
 from .edit import checked_threshold, leaf_tree, split_tree
 from .floats import next_below
 from .name_lookup import Action, leaf_value
 from .prune import prune
-from .reading import CATEGORY
-from .tree import DecisionTree
-from .verify.arrivals import sides
-from .verify.language import parse_condition
-from .verify.logic import boxes_of
+from .text_parser import CATEGORY
+from .verify.conditions import boxes_of, split_boxes
+from .verify.grammar import parse_condition
 
 _MOST_QUESTIONS = 500
 """Cases that have nothing to do with each other multiply; a rule of more questions is none that somebody reads."""
 
 
-class Edited(NamedTuple):
+class Edited(NamedTuple, Generic[TreeT]):
     """A tree, and which of its nodes an edit made, so that they can be kept as they are when it is trained on."""
 
-    tree: DecisionTree
+    tree: TreeT
     nodes: tuple[int, ...]
 
 
-def force(tree: DecisionTree, condition: str, action: Action) -> Edited:
+def force(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     """Return the tree that takes an action wherever a condition holds, and acts as before everywhere else.
 
     Raises:
@@ -71,7 +70,7 @@ class _Case(NamedTuple):
     questions: tuple[tuple[int, float], ...]
 
 
-def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
+def _questions(tree: BaseTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
     """Features and thresholds, feature by feature, on one side of each of which the whole box is."""
     asked: list[tuple[int, float]] = []
     low, high = box.low[0], box.high[0]
@@ -89,21 +88,21 @@ def _questions(tree: DecisionTree, box: Boxes, everything: Boxes) -> tuple[tuple
 
 
 @dataclass
-class _Growing:
+class _Growing(Generic[TreeT]):
     """The work of putting a rule on top of a tree."""
 
-    rule: DecisionTree
-    tree: DecisionTree
+    rule: TreeT
+    tree: TreeT
     n_questions: int = 0
 
-    def grown(self, region: Boxes, cases: list[_Case]) -> DecisionTree:
+    def grown(self, region: Boxes, cases: list[_Case]) -> TreeT:
         """The questions that a region leaves open, the rule where they are all answered, else the tree."""
         while cases and cases[0].box.intersect(region).is_empty[0]:
             cases = cases[1:]
         if not cases:
             return self.tree
         for feature, threshold in cases[0].questions:
-            left, right = sides(region, np.array([feature]), np.array([threshold], np.float32))
+            left, right = split_boxes(region, np.array([feature]), np.array([threshold], np.float32))
             if not left.is_empty[0] and not right.is_empty[0]:
                 self.n_questions += 1
                 if self.n_questions > _MOST_QUESTIONS:
@@ -115,7 +114,7 @@ class _Growing:
         return self.rule
 
 
-def _marked(tree: DecisionTree, *, visits: int) -> DecisionTree:
+def _marked(tree: TreeT, *, visits: int) -> TreeT:
     """The tree with a number at each leaf, and sums above, which pruning keeps."""
     marks = np.where(tree.is_leaf, visits, 0)
     for node in np.flatnonzero(~tree.is_leaf)[::-1]:

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from .actions import BoxActions, DiscreteActions
+from .base import BaseTree
 from .floats import number, printable
 from .plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen, TextBox, shortened
 from .plot_fonts import drawn_in, style_for
 from .plot_grid_view import ViewBox, view_side
 from .plot_page import Drawable, Layout, check_file, lay_out, save
 from .text import asked_group, leaf_words, question, visit_share
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Bool
@@ -42,7 +42,7 @@ Box: TypeAlias = TextBox | ViewBox
 
 
 def plot(
-    tree: DecisionTree,
+    tree: BaseTree,
     path: str | PathLike[str] | None = None,
     *,
     ax: Axes | None = None,
@@ -80,7 +80,7 @@ def plot(
     return figure
 
 
-def arrange(tree: DecisionTree, digits: int) -> tuple[Layout, list[Box]]:
+def arrange(tree: BaseTree, digits: int) -> tuple[Layout, list[Box]]:
     """Lay the tree out with its boxes, see `lay_out`."""
     yes_is_right = np.array(
         [not leaf and asked_group(tree, i) is not None for i, leaf in enumerate(tree.is_leaf)]
@@ -88,7 +88,7 @@ def arrange(tree: DecisionTree, digits: int) -> tuple[Layout, list[Box]]:
     return lay_out(tree, lambda downward: _boxes(tree, digits, downward=downward), yes_is_right)
 
 
-def _boxes(tree: DecisionTree, digits: int, *, downward: bool) -> list[Box]:
+def _boxes(tree: BaseTree, digits: int, *, downward: bool) -> list[Box]:
     """Word and colour every node; a leaf's share of visits goes where there is room: below, or behind."""
     colour, side = leaf_colours(tree), view_side(tree.groups)
     boxes: list[Box] = []
@@ -110,7 +110,7 @@ def _boxes(tree: DecisionTree, digits: int, *, downward: bool) -> list[Box]:
     return boxes
 
 
-def _question_box(tree: DecisionTree, node: int, digits: int, side: int) -> Box:
+def _question_box(tree: BaseTree, node: int, digits: int, side: int) -> Box:
     feature, group = int(tree.feature[node]), asked_group(tree, node)
     if group is None:
         name = shortened(printable(tree.feature_names[feature]))
@@ -121,10 +121,10 @@ def _question_box(tree: DecisionTree, node: int, digits: int, side: int) -> Box:
     return ViewBox(side, group.cell, group.categories[group.features.index(feature)], words)
 
 
-def leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
+def leaf_colours(tree: BaseTree) -> list[tuple[str, ...]]:
     """Return a colour for each component of each node's action."""
     actions = tree.actions
-    decided = actions.decide(tree.value).reshape(tree.n_nodes, -1)
+    decided = tree.leaf_actions.reshape(tree.n_nodes, -1)
     if not isinstance(actions, BoxActions):
         start = actions.start if isinstance(actions, DiscreteActions) else np.array(actions.start)
         return [tuple(COLOURS[i % len(COLOURS)] for i in row) for row in (decided - start).tolist()]
@@ -146,7 +146,7 @@ def leaf_colours(tree: DecisionTree) -> list[tuple[str, ...]]:
 
 
 def draw(
-    tree: DecisionTree,
+    tree: BaseTree,
     layout: Layout,
     boxes: Sequence[Drawable],
     ax: Axes,
@@ -174,7 +174,7 @@ def draw(
         boxes[int(node)].draw(pens[int(node)], layout.centre[node])
 
 
-def _draw_edge(tree: DecisionTree, layout: Layout, pen: Pen, parent: int, child: int, answer: str) -> None:
+def _draw_edge(tree: BaseTree, layout: Layout, pen: Pen, parent: int, child: int, answer: str) -> None:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Curve
 

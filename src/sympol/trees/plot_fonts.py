@@ -8,16 +8,16 @@ from collections.abc import Iterator
 from typing import Any
 
 from .actions import MultiDiscreteActions
+from .base import BaseTree
 from .floats import printable
 from .plot_page import STYLE
-from .tree import DecisionTree
 
 _NO_FONTS = ("Last Resort", ".LastResort")
 """What these begin with has a box for every character there is."""
 _MOST_NAMED = 8
 
 
-def style_for(tree: DecisionTree) -> dict[Any, Any]:
+def style_for(tree: BaseTree) -> dict[Any, Any]:
     """Return the style of all pictures, with fonts that have the characters of the tree's names.
 
     Warns where some are in no font of this machine: they become boxes.
@@ -44,7 +44,7 @@ def drawn_in(style: dict[Any, Any]) -> Iterator[None]:
         yield
 
 
-def _characters(tree: DecisionTree) -> set[str]:
+def _characters(tree: BaseTree) -> set[str]:
     actions = tree.actions
     names = [*tree.feature_names, *actions.names]
     if isinstance(actions, MultiDiscreteActions):

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from .. import files
+from .base import BaseTree
 from .layout import levels, tidy
 from .plot_boxes import Pen
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -66,7 +66,7 @@ class Layout:
 
 
 def lay_out(
-    tree: DecisionTree,
+    tree: BaseTree,
     boxes_when: Callable[[bool], Boxes],
     yes_is_right: Bool[np.ndarray, " nodes"] | None = None,
 ) -> tuple[Layout, Boxes]:
@@ -86,7 +86,7 @@ def lay_out(
 
 
 def _one_way(
-    tree: DecisionTree,
+    tree: BaseTree,
     boxes_when: Callable[[bool], Boxes],
     yes_is_right: Bool[np.ndarray, " nodes"] | None,
     *,

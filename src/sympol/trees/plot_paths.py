@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .base import BaseTree
 from .plot import arrange, draw
 from .plot_fonts import drawn_in, style_for
-from .tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, UInt8
@@ -25,7 +25,7 @@ class Ways:
     They are as large as ``dpi`` makes them, or as fits into ``most_pixels``, width and height.
     """
 
-    def __init__(self, tree: DecisionTree, *, most_pixels: tuple[int, int], dpi: float) -> None:
+    def __init__(self, tree: BaseTree, *, most_pixels: tuple[int, int], dpi: float) -> None:
         self._tree, self._parents, self._style = tree, _parents(tree), style_for(tree)
         with drawn_in(self._style):
             self._layout, self._boxes = arrange(tree, 4)
@@ -82,7 +82,7 @@ class Ways:
         return np.asarray(picture)
 
 
-def _parents(tree: DecisionTree) -> np.ndarray:
+def _parents(tree: BaseTree) -> np.ndarray:
     """Return each node's parent, -1 for the root."""
     parents = np.full(tree.n_nodes, -1)
     for node in np.flatnonzero(~tree.is_leaf):

@@ -1,28 +1,22 @@
-"""The form of a tree's arrays: scikit-learn's marks for leaves, and preorder."""
+"""A tree as arrays in preorder: the marks of leaves, complete trees, and how observations descend.
+
+``left``, ``right``, ``feature`` and ``threshold`` are the arrays of a `BaseTree`, or changed copies of them.
+"""
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .actions import ActionSpec, DiscreteActions, MultiDiscreteActions
-from .floats import brief
-from .groups import Group
-
 if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+    from jaxtyping import Bool, Float, Float32, Int, Int32
 
-    from .tree import DecisionTree
+    Links = Int[np.ndarray, " nodes"]
 
 NO_CHILD = -1
 NO_FEATURE = -2
 NO_THRESHOLD = -2.0
-LONGEST_NAME = 10_000
-"""Characters of a feature's, an action's, a group's or a category's name."""
-MOST_WORDS = 200_000_000
-"""Characters of all names together, each as often as a node asks about it or does it."""
 
 
 def complete_to_preorder(
@@ -30,7 +24,19 @@ def complete_to_preorder(
     threshold: Float[np.ndarray, " inner"],
     leaf_values: Float[np.ndarray, "leaves outputs"],
 ) -> dict[str, np.ndarray]:
-    """Return a `DecisionTree`'s arrays for a complete tree in breadth-first order."""
+    """Return the node arrays of a complete tree that is given in breadth-first order.
+
+    Args:
+        feature: The feature each inner node compares, [inner], with inner = 2^depth − 1.
+        threshold: What it is compared with, [inner].
+        leaf_values: The outputs of each leaf, [inner + 1, outputs].
+
+    Returns:
+        The arrays that `BaseTree` takes, by name.
+
+    Raises:
+        ValueError: If the shapes are not those of a complete tree.
+    """
     n_inner = len(feature)
     if (n_inner + 1) & n_inner or threshold.shape != (n_inner,) or leaf_values.shape[:1] != (n_inner + 1,):
         raise ValueError(
@@ -59,7 +65,7 @@ def complete_to_preorder(
 
 
 def complete_order(n_inner: int) -> Int[np.ndarray, " nodes"]:
-    """The nodes of a complete tree, counted breadth-first, in preorder."""
+    """Return the nodes of a complete tree in preorder, numbered breadth-first."""
     order, awaited = [], [0]
     while awaited:
         order.append(node := awaited.pop())
@@ -68,103 +74,58 @@ def complete_order(n_inner: int) -> Int[np.ndarray, " nodes"]:
     return np.array(order)
 
 
-def check(tree: DecisionTree) -> None:
-    """Raise ValueError unless the arrays are one tree in preorder over the features and actions it names."""
-    n_nodes, n_features, n_outputs = tree.n_nodes, tree.n_features, tree.actions.n_outputs
-    shapes = {"children_left": n_nodes, "children_right": n_nodes, "feature": n_nodes, "threshold": n_nodes}
-    shapes |= {"feature_low": n_features, "feature_high": n_features}
-    shapes |= {} if tree.n_node_samples is None else {"n_node_samples": n_nodes}
-    for name, length in shapes.items():
-        if getattr(tree, name).shape != (length,):
-            raise ValueError(f"{name} must have shape ({length},), got {getattr(tree, name).shape}")
-    if n_nodes == 0 or tree.value.shape != (n_nodes, n_outputs):
-        raise ValueError(f"value must have shape ({max(n_nodes, 1)}, {n_outputs}), got {tree.value.shape}")
-    if not all(isinstance(name, str) for name in tree.feature_names):
-        raise ValueError(f"feature_names must be strings, got {tree.feature_names!r}")
-    for name in ("threshold", "value"):
-        if not np.isfinite(array := getattr(tree, name)).all():
-            raise ValueError(f"{name} must be finite in float32, got {array[~np.isfinite(array)][0]}")
-    if not (tree.feature_low <= tree.feature_high).all():
-        worst = int(np.argmin(tree.feature_low <= tree.feature_high))
-        raise ValueError(
-            f"feature_low must not exceed feature_high, got {tree.feature_low[worst]} and "
-            f"{tree.feature_high[worst]} for {tree.feature_names[worst]!r}; use -inf and inf for no bound"
-        )
-    _check_preorder(tree)
-    _check_lengths(tree)
-    leaf = tree.is_leaf
-    if (tree.feature[leaf] != NO_FEATURE).any() or (tree.threshold[leaf] != NO_THRESHOLD).any():
-        raise ValueError(f"leaves must have feature {NO_FEATURE} and threshold {NO_THRESHOLD}")
-    if tree.value[~leaf].any():
-        raise ValueError("value must be zero at inner nodes: only leaves answer")
-    looked_at = tree.feature[~leaf]
-    if ((looked_at < 0) | (looked_at >= n_features)).any():
-        raise ValueError(
-            f"feature must be in [0, {n_features}) at inner nodes, got {sorted(set(looked_at.tolist()))}"
-        )
-    if (visits := tree.n_node_samples) is not None:
-        below = visits[tree.children_left[~leaf]] + visits[tree.children_right[~leaf]]
-        if (visits < 0).any() or (visits[~leaf] != below).any():
-            raise ValueError("n_node_samples must not be negative, and an inner node's is its children's sum")
+def descend(
+    left: Links,
+    right: Links,
+    feature: Int32[np.ndarray, " nodes"],
+    threshold: Float32[np.ndarray, " nodes"],
+    x: Float32[np.ndarray, "batch features"],
+    root: int = 0,
+) -> Int32[np.ndarray, " batch"]:
+    """Return the leaf each observation [batch, features] reaches from the node ``root``."""
+    node = np.full(len(x), root, np.int32)
+    rows = np.arange(0 if left[root] == NO_CHILD else len(x))
+    while rows.size:
+        at = node[rows]
+        goes_left = x[rows, feature[at]] <= threshold[at]
+        node[rows] = np.where(goes_left, left[at], right[at])
+        rows = rows[left[node[rows]] != NO_CHILD]
+    return node
 
 
-def _check_lengths(tree: DecisionTree) -> None:
-    """Raise ValueError where names are so long that they would fill the memory when every node is written."""
-    names = _lengths(tree.feature_names, tree.groups, tree.actions)
-    if len(names.longest) > LONGEST_NAME:
-        raise ValueError(
-            f"a name has at most {LONGEST_NAME:,} characters, got one of {len(names.longest):,}: {brief(names.longest)}"
-        )
-    looked_at = tree.feature[~tree.is_leaf]
-    known = looked_at[(looked_at >= 0) & (looked_at < tree.n_features)]
-    if (written := int(names.asked[known].sum()) + tree.n_leaves * names.answer) > MOST_WORDS:
-        raise ValueError(
-            f"the names of features and actions would be written {written:,} characters long in a tree of "
-            f"{tree.n_nodes:,} nodes, more than {MOST_WORDS:,}: give shorter names"
-        )
+def descend_one(
+    left: list[int], right: list[int], feature: list[int], threshold: list[float], x: list[float]
+) -> int:
+    """Return the leaf one observation reaches from the root.
+
+    Plain lists: for a single row, one NumPy operation takes longer than the whole descent in Python.
+    """
+    node = 0
+    while left[node] != NO_CHILD:
+        node = left[node] if x[feature[node]] <= threshold[node] else right[node]
+    return node
 
 
-class _Lengths(NamedTuple):
-    """How long names are."""
-
-    longest: str
-    asked: Int[np.ndarray, " features"]
-    """What a question about each feature names."""
-    answer: int
-    """What an answer names, at most."""
+def depths(left: Links, right: Links) -> Links:
+    """Return the number of comparisons above each node."""
+    depth = np.zeros(len(left), np.int64)
+    for node in np.flatnonzero(left != NO_CHILD):
+        depth[[left[node], right[node]]] = depth[node] + 1
+    return depth
 
 
-@lru_cache(maxsize=16)
-def _lengths(features: tuple[str, ...], groups: tuple[Group, ...], actions: ActionSpec) -> _Lengths:
-    """Measure; many trees, one after the other, are of the same features and actions."""
-    asked = np.array([len(name) for name in features], np.int64)
-    for group in groups:
-        asked[list(group.features)] = [len(group.name) + len(category) for category in group.categories]
-    options = actions.options if isinstance(actions, MultiDiscreteActions) else ()
-    if isinstance(actions, DiscreteActions):
-        answer = max(map(len, actions.names))
-    else:
-        answer = sum(map(len, actions.names)) + sum(max(map(len, names)) for names in options)
-    in_groups = [name for group in groups for name in (group.name, *group.categories)]
-    every = (*features, *in_groups, *actions.names, *(name for names in options for name in names))
-    return _Lengths(max(every, key=len, default=""), asked, answer)
+def paths(left: Links, right: Links, leaf: Int[np.ndarray, " batch"]) -> Bool[np.ndarray, "batch nodes"]:
+    """Return which nodes lie on the path to each of these leaves."""
+    on_path = np.zeros((leaf.size, len(left)), dtype=bool)
+    on_path[np.arange(leaf.size), leaf] = True
+    for node in np.flatnonzero(left != NO_CHILD)[::-1]:
+        on_path[:, node] = on_path[:, left[node]] | on_path[:, right[node]]
+    return on_path
 
 
-def _check_preorder(tree: DecisionTree) -> None:
-    """Raise ValueError unless each node but the root is the child of one before it, left subtree first."""
-    right_children: list[int] = []
-    links = zip(tree.children_left.tolist(), tree.children_right.tolist(), strict=True)
-    for node, (left, right) in enumerate(links):
-        follows = left
-        if left == right == NO_CHILD:
-            follows = right_children.pop() if right_children else tree.n_nodes
-        else:
-            right_children.append(right)
-        if follows != node + 1:
-            raise ValueError(
-                f"nodes must be in preorder, left subtree first: after node {node} comes {follows}"
-            )
-    if right_children:
-        raise ValueError(
-            f"nodes must be in preorder, left subtree first: node {right_children[-1]} is missing"
-        )
+def visits(left: Links, right: Links, leaf: Int[np.ndarray, " batch"]) -> Links:
+    """Count for each node how many of these leaves lie at or below it."""
+    counts = np.bincount(leaf, minlength=len(left))
+    for node in np.flatnonzero(left != NO_CHILD)[::-1]:
+        counts[node] = counts[left[node]] + counts[right[node]]
+    return counts

@@ -30,10 +30,10 @@ from typing import TypeAlias
 import numpy as np
 
 from .actions import ActionSpec, BoxActions
+from .base import BaseTree, TreeT
 from .floats import SMALLEST_NORMAL, flushed
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 from .regions import Region, Way
-from .tree import DecisionTree
 
 # Steps of a comparison, for each leaf of both sides, after which a split counts as not idle. Sides of the same
 # shape need 7; a tree made for it could need as many as it has pairs of leaves.
@@ -69,7 +69,7 @@ class _Split:
 _Node: TypeAlias = _Split | _Leaf
 
 
-def prune(tree: DecisionTree, *, bounds: bool = True, merge: bool = True) -> DecisionTree:
+def prune(tree: TreeT, *, bounds: bool = True, merge: bool = True) -> TreeT:
     """Return the smaller tree that acts the same, deterministically, within the bounds of the space.
 
     Without ``bounds`` it acts the same on every observation in which each group is one-hot; without ``merge``
@@ -107,7 +107,7 @@ def prune(tree: DecisionTree, *, bounds: bool = True, merge: bool = True) -> Dec
     return _rebuild(tree, _preorder(done.pop()))
 
 
-def prune_unvisited(tree: DecisionTree) -> DecisionTree:
+def prune_unvisited(tree: TreeT) -> TreeT:
     """Drop the branches nobody visited. This CHANGES the policy on observations that were never seen.
 
     Raises:
@@ -127,12 +127,12 @@ def prune_unvisited(tree: DecisionTree) -> DecisionTree:
     return _rebuild(tree, kept)
 
 
-def _work(tree: DecisionTree) -> list[_Node]:
+def _work(tree: BaseTree) -> list[_Node]:
     """Unpack the arrays."""
-    decided = tree.actions.decide(tree.value)
+    values, decided = tree.leaf_outputs, tree.leaf_actions
     visits = [None] * tree.n_nodes if tree.n_node_samples is None else tree.n_node_samples.tolist()
     return [
-        _Leaf(tree.value[node], decided[node].tobytes(), visits[node])
+        _Leaf(values[node], decided[node].tobytes(), visits[node])
         if leaf
         else _Split(int(tree.feature[node]), float(tree.threshold[node]))
         for node, leaf in enumerate(tree.is_leaf)
@@ -224,7 +224,7 @@ def _preorder(root: _Node) -> Iterator[_Node]:
             awaited += [node.side("right"), node.side("left")]
 
 
-def _rebuild(tree: DecisionTree, preorder: Iterable[_Node]) -> DecisionTree:
+def _rebuild(tree: TreeT, preorder: Iterable[_Node]) -> TreeT:
     """Pack nodes in preorder into the arrays of a tree."""
     nodes = list(preorder)
     n_nodes = len(nodes)

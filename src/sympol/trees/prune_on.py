@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .base import TreeT
 from .floats import observation_batch
-from .preorder import NO_CHILD
-from .traversal import descend, paths
-from .tree import DecisionTree
+from .preorder import NO_CHILD, descend, paths
 
 if TYPE_CHECKING:
     from jaxtyping import Int
     from numpy.typing import ArrayLike
 
 
-def prune_on(tree: DecisionTree, observations: ArrayLike, *, merge: bool = True) -> DecisionTree:
+def prune_on(tree: TreeT, observations: ArrayLike, *, merge: bool = True) -> TreeT:
     """Return the smaller tree that acts the same, deterministically, on each of these observations.
 
     On all others it may act differently: give all that can occur. A split goes when one side, asked for both, gives
@@ -41,7 +40,7 @@ def prune_on(tree: DecisionTree, observations: ArrayLike, *, merge: bool = True)
         raise ValueError("there must be at least one observation to prune on, got none")
     X = np.unique(X, axis=0)
     leaf = np.atleast_1d(tree.apply(X))
-    answer = _numbered(tree.actions.decide(tree.value)) if merge else np.arange(tree.n_nodes)
+    answer = _numbered(tree.leaf_actions) if merge else np.arange(tree.n_nodes)
     wanted = answer[leaf]
     come_by = paths(tree.children_left, tree.children_right, leaf).T
     left, right = tree.children_left.copy(), tree.children_right.copy()
@@ -65,8 +64,8 @@ def _numbered(actions: np.ndarray) -> Int[np.ndarray, " nodes"]:
 
 
 def packed(
-    tree: DecisionTree, left: Int[np.ndarray, " nodes"], right: Int[np.ndarray, " nodes"], root: int
-) -> DecisionTree:
+    tree: TreeT, left: Int[np.ndarray, " nodes"], right: Int[np.ndarray, " nodes"], root: int
+) -> TreeT:
     """The tree below ``root`` along these links, in preorder."""
     order, awaited = [], [root]
     while awaited:
@@ -82,6 +81,6 @@ def packed(
         children_right=np.where(leaf, NO_CHILD, position[right[order]]),
         feature=tree.feature[order],
         threshold=tree.threshold[order],
-        value=tree.value[order],
+        value=tree.leaf_outputs[order],
         n_node_samples=None,
     )

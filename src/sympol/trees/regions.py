@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
-    from .tree import DecisionTree
+    from .base import BaseTree
 
 Way: TypeAlias = Literal["left", "right"]
 
@@ -30,7 +30,7 @@ class Region:
             nothing, and neither do bounds that leave a group no category.
     """
 
-    def __init__(self, tree: DecisionTree, *, bounds: bool) -> None:
+    def __init__(self, tree: BaseTree, *, bounds: bool) -> None:
         """Begin with the whole space."""
         low, high = tree.feature_low.tolist(), tree.feature_high.tolist()
         if not bounds:

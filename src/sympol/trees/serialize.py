@@ -1,4 +1,4 @@
-"""Trees as strict JSON, described for other programs in docs/tree-json.md.
+"""Trees as strict JSON, described for other programs in docs/guides/tree-json.md.
 
 ```
 {"format": "sympol.tree", "version": 1,
@@ -27,10 +27,10 @@ import numpy as np
 
 from ..bounded import parse_json
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
+from .base import BaseTree, TreeT
 from .floats import brief, shortest
 from .groups import LARGEST_CELL, Group
 from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
-from .tree import DecisionTree
 
 FORMAT = "sympol.tree"
 VERSION = 1
@@ -40,7 +40,7 @@ _TOO_LARGE = 2.0**128 - 2.0**103  # the least number that float32 rounds to infi
 _MOST_DIMENSIONS = 32
 
 
-def to_json(tree: DecisionTree) -> str:
+def to_json(tree: BaseTree) -> str:
     """Write the tree, a feature and a node a line."""
     bounds = zip(tree.feature_names, tree.feature_low, tree.feature_high, strict=True)
     features = [
@@ -57,14 +57,14 @@ def to_json(tree: DecisionTree) -> str:
     )
 
 
-def from_json(text: str) -> DecisionTree:
+def from_json(text: str, kind: type[TreeT]) -> TreeT:
     """Read a tree.
 
     Raises:
         ValueError: if the text is not JSON, not of this format and version, not a tree, or larger or nested deeper
             than `sympol.trees.bounded` reads.
     """
-    return _read(parse_json(text))
+    return _read(parse_json(text), kind)
 
 
 def _lines(items: Iterable[object]) -> str:
@@ -75,9 +75,9 @@ def _bound(x: float) -> float | str:
     return shortest(x) if math.isfinite(x) else str(float(x))
 
 
-def _node_to_json(tree: DecisionTree, node: int) -> dict[str, Any]:
+def _node_to_json(tree: BaseTree, node: int) -> dict[str, Any]:
     if tree.is_leaf[node]:
-        value = {"value": [shortest(x) for x in tree.value[node]]}
+        value = {"value": [shortest(x) for x in tree.leaf_outputs[node]]}
         return value if tree.n_node_samples is None else {**value, "visits": int(tree.n_node_samples[node])}
     return {
         "feature": int(tree.feature[node]),
@@ -113,7 +113,7 @@ def _actions_to_json(actions: ActionSpec) -> dict[str, Any]:
     return {"type": "box", "shape": actions.shape, "components": components}
 
 
-def _read(document: object) -> DecisionTree:
+def _read(document: object, kind: type[TreeT]) -> TreeT:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f'not a tree of sympol: it lacks "format": "{FORMAT}"')
     if document.get("version") != VERSION:
@@ -127,7 +127,7 @@ def _read(document: object) -> DecisionTree:
         for i, feature in enumerate(_list(document["features"], "features"))
     ]
     actions = read_actions(document["actions"])
-    return DecisionTree(
+    return kind(
         **_read_nodes(_list(document["nodes"], "nodes"), actions.n_outputs),
         actions=actions,
         feature_names=tuple(_string(feature["name"], "a feature's name") for feature in features),
@@ -207,7 +207,7 @@ def _read_box(spec: dict[str, Any]) -> BoxActions:
 
 
 def _read_nodes(nodes: list[Any], n_outputs: int) -> dict[str, Any]:
-    """Return a `DecisionTree`'s arrays; it checks itself that they are a tree."""
+    """Return a `BaseTree`'s arrays; it checks itself that they are a tree."""
     n_nodes = len(nodes)
     leaf = np.array([isinstance(node, dict) and "value" in node for node in nodes], dtype=bool)
     if 2 * np.count_nonzero(leaf) != n_nodes + 1:

@@ -15,8 +15,8 @@ from typing import final
 
 import numpy as np
 
+from .base import BaseTree
 from .explanation_features import Around, Unit
-from .tree import DecisionTree
 
 
 @final
@@ -34,9 +34,9 @@ class Reason:
         return tuple(unit.name for unit in self.units)
 
 
-def smallest_reason(tree: DecisionTree, here: Around) -> Reason:
+def smallest_reason(tree: BaseTree, here: Around) -> Reason:
     """Return the reason with the fewest units; of several, the one whose units come first."""
-    actions = tree.actions.decide(tree.value[here.leaves]).reshape(len(here.leaves), -1)
+    actions = tree.leaf_actions[here.leaves].reshape(len(here.leaves), -1)
     own = actions[np.searchsorted(here.leaves, here.leaf)]
     other = (actions != own).any(axis=1) & here.reachable
     bits = [sum(1 << int(unit) for unit in np.flatnonzero(~row)) for row in here.keeps[other]]

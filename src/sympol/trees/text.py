@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
+from .base import BaseTree
 from .floats import number, printable
 from .groups import Group
-from .tree import DecisionTree
 
 MOST_CHARACTERS = 100_000_000
 """In a listing, or in all sentences of a tree; lines of a chain some 5,000 deep have as many."""
@@ -28,7 +28,7 @@ class Question:
     no_child: int
 
 
-def question(tree: DecisionTree, node: int, digits: int | None = None) -> Question:
+def question(tree: BaseTree, node: int, digits: int | None = None) -> Question:
     """Put an inner node as a question, for everyone who writes or draws trees."""
     left, right = int(tree.children_left[node]), int(tree.children_right[node])
     feature = int(tree.feature[node])
@@ -38,12 +38,12 @@ def question(tree: DecisionTree, node: int, digits: int | None = None) -> Questi
     return Question(words, yes_child=left, no_child=right)
 
 
-def asked_group(tree: DecisionTree, node: int) -> Group | None:
+def asked_group(tree: BaseTree, node: int) -> Group | None:
     """Return the group about which an inner node asks whether it is one category; None if it asks for numbers."""
     return tree.group_of.get(int(tree.feature[node])) if 0 <= tree.threshold[node] < 1 else None
 
 
-def to_text(tree: DecisionTree, *, digits: int | None = None) -> str:
+def to_text(tree: BaseTree, *, digits: int | None = None) -> str:
     """Write the tree as a listing, an answer a line, with the share of visits where they are known.
 
     Thresholds are written in the fewest digits that give the same float32 back, or in ``digits`` significant
@@ -69,7 +69,7 @@ def to_text(tree: DecisionTree, *, digits: int | None = None) -> str:
     return "\n".join(f"{line:<{width}}  {share:>5}" if share else line.rstrip() for line, share in lines)
 
 
-def rules(tree: DecisionTree, *, digits: int | None = None) -> list[str]:
+def rules(tree: BaseTree, *, digits: int | None = None) -> list[str]:
     """Write one sentence a leaf, in the order of the listing.
 
     Several conditions on a feature become one interval, several on a group become one phrase.
@@ -106,7 +106,7 @@ def _counted(length: int, line: str) -> int:
     return length
 
 
-def leaf_conditions(tree: DecisionTree) -> Iterator[tuple[int, Conditions]]:
+def leaf_conditions(tree: BaseTree) -> Iterator[tuple[int, Conditions]]:
     """Go through the leaves, in the order of the listing, with what the way to each tells.
 
     What is yielded is changed afterwards: copy what has to be kept.
@@ -142,7 +142,7 @@ def leaf_conditions(tree: DecisionTree) -> Iterator[tuple[int, Conditions]]:
                 yield leaf, known
 
 
-def rule_words(tree: DecisionTree, leaf: int, known: Conditions, digits: int | None = None) -> str:
+def rule_words(tree: BaseTree, leaf: int, known: Conditions, digits: int | None = None) -> str:
     """Write a leaf's sentence, with what the way to it tells."""
     conditions = " and ".join(condition.words(digits) for condition in known.values())
     share = visit_share(tree, leaf)
@@ -150,19 +150,19 @@ def rule_words(tree: DecisionTree, leaf: int, known: Conditions, digits: int | N
     return f"If {conditions}: {answer}." if conditions else f"Always: {answer}."
 
 
-def node_words(tree: DecisionTree, node: int, digits: int | None = None) -> str:
+def node_words(tree: BaseTree, node: int, digits: int | None = None) -> str:
     """Say what an inner node asks, or what a leaf does."""
     if tree.is_leaf[node]:
         return ", ".join(leaf_words(tree, node, digits))
     return question(tree, node, digits).words
 
 
-def leaf_words(tree: DecisionTree, leaf: int, digits: int | None = None) -> tuple[str, ...]:
+def leaf_words(tree: BaseTree, leaf: int, digits: int | None = None) -> tuple[str, ...]:
     """Say what a leaf does, component by component."""
-    return tree.actions.words(tree.actions.decide(tree.value[leaf : leaf + 1])[0], digits)
+    return tree.actions.words(tree.leaf_actions[leaf], digits)
 
 
-def visit_share(tree: DecisionTree, leaf: int) -> str:
+def visit_share(tree: BaseTree, leaf: int) -> str:
     """Say how large a part of the visits ended at a leaf: ``62 %``; nothing where that is unknown."""
     visits = tree.n_node_samples
     if visits is None or visits[0] == 0 or not tree.is_leaf[leaf]:

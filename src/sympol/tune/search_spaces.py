@@ -35,7 +35,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..algorithms.rules import applies
+from ..algorithms.config import applies
 
 if TYPE_CHECKING:
     from optuna import Trial

@@ -1,4 +1,4 @@
-"""Where a search keeps its trials: a journal file, or PostgreSQL for many machines (docs/cluster.md)."""
+"""Where a search keeps its trials: a journal file, or PostgreSQL for many machines (docs/guides/cluster.md)."""
 
 from __future__ import annotations
 

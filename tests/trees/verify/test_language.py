@@ -10,10 +10,8 @@ import pytest
 
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group, MultiDiscreteActions
 from sympol.trees.boxes import space
-from sympol.trees.verify.language import parse_condition, parse_rule
-from sympol.trees.verify.logic import Between, Not, boxes_of
-from sympol.trees.verify.numbers import interval
-from sympol.trees.verify.terms import Monotone
+from sympol.trees.verify.conditions import Between, Not, boxes_of, interval
+from sympol.trees.verify.grammar import Monotone, parse_condition, parse_rule
 
 from ..samples import HOSTILE_NAMES
 

@@ -62,7 +62,7 @@ def test_monotonicity_does_not_depend_on_how_many_pairs_are_looked_at_at_once(mo
     for _ in range(5):
         tree = random_tree(rng, ACTIONS["box"], depth=5)
         whole, *_ = tree.verify("gas is increasing in x[0]")
-        monkeypatch.setattr("sympol.trees.verify.monotone._AT_ONCE", 7)
+        monkeypatch.setattr("sympol.trees.verify.checks._PAIRS_AT_ONCE", 7)
         parts, *_ = tree.verify("gas is increasing in x[0]")
         monkeypatch.undo()
         assert (parts.holds, parts.n_violating) == (whole.holds, whole.n_violating)
@@ -195,7 +195,7 @@ def test_files_that_hold_no_properties_are_refused(cartpole, tmp_path, text, pro
 def test_the_program_in_the_documentation_runs(cartpole, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("policy.json").write_text(cartpole.to_json(), encoding="utf-8")
-    page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "guides" / "verify.md").read_text(encoding="utf-8")
     properties = page.split("```toml\n")[1].split("```")[0]
     Path("safety.toml").write_text(properties, encoding="utf-8")
     exec(page.split("```python\n")[1].split("```")[0], {})
@@ -206,7 +206,7 @@ def test_the_program_in_the_documentation_runs(cartpole, tmp_path, monkeypatch, 
 
 
 def test_the_documentation_says_what_was_measured():
-    page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "guides" / "verify.md").read_text(encoding="utf-8")
     measured = json.loads((ROOT / "results" / "verify.json").read_text(encoding="utf-8"))
     agreement = measured["agreement"]
     assert f"Of {agreement['pairs']:,} random pairs" in page

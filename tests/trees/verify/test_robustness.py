@@ -156,7 +156,7 @@ def test_a_leaf_has_no_other_action_and_bad_scales_are_refused(cartpole):
 def test_many_observations_are_as_each_alone(cartpole, monkeypatch):
     x = np.random.default_rng(4).normal(size=(500, 4)) * 0.1
     whole = margin(cartpole, x)
-    monkeypatch.setattr("sympol.trees.verify.robustness._AT_ONCE", 37)
+    monkeypatch.setattr("sympol.trees.verify.robustness._DISTANCES_AT_ONCE", 37)
     parts = margin(cartpole, x)
     assert (parts.radius == whole.radius).all()
     assert (parts.nearest == whole.nearest).all()

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int32, PRNGKeyArray, Shaped, UI
 
 from ...trees.groups import Group
 from ...types import Step
+from ..capabilities import StateGraph
 from . import cells
 from .cells import BLOCKS_SIGHT, BLOCKS_WAY, EMPTY, PORTABLE, UNSEEN, WALL
 from .task import Task
@@ -132,10 +133,16 @@ class MiniGrid:
         return ((seen[:, None] >> planes[None, :]) & 1).astype(jnp.float32).reshape(-1)
 
     def all_observations(self) -> Float32[np.ndarray, "observations features"] | None:
-        """All there can be, each once, or None where the world is too large: see `sympol.envs.minigrid.reach`."""
-        from .reach import all_observations
+        """Return every observation there can be, each once, or None where the world is too large."""
+        from .state_graph import all_observations
 
         return all_observations(self)
+
+    def state_graph(self) -> StateGraph | None:
+        """Return all states and transitions, or None where the world is too large."""
+        from .state_graph import state_graph
+
+        return state_graph(self)
 
     def place(self, x: Int[Array, "*n"], y: Int[Array, "*n"]) -> Int[Array, "*n"]:
         """The index of a cell in the padded grid."""

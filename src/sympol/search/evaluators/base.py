@@ -130,14 +130,14 @@ def make_arena(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Arena:
     """An arena of tables where all of the environment is known, else inside a compiled program where it is written in
     JAX, else in machine code where we have it, else on the host."""
     if spec.env is not None:
-        from .tabular import TableArena, world_of
+        if spec.state_graph() is not None:
+            from .tabular import TableArena
 
-        if world_of(spec.env) is not None:
             return TableArena(spec, seed, purpose)
         from .jax import CompiledArena
 
         return CompiledArena(spec, seed, purpose)
-    if spec.is_native:
+    if spec.native is not None:
         from .native import FlownArena
 
         return FlownArena(spec, seed, purpose)

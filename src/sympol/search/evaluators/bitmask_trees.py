@@ -59,7 +59,7 @@ class Masked(NamedTuple):
             masked.feature[i, own] = tree.feature[inner]
             masked.threshold[i, own] = tree.threshold[inner]
             masked.mask[i, own] = ~(last - first).astype(np.uint32)
-            masked.value[i, : tree.n_leaves] = tree.value[tree.is_leaf]
+            masked.value[i, : tree.n_leaves] = tree.leaf_outputs[tree.is_leaf]
         return masked
 
     def held(self, tree: Int[Array, " lanes"]) -> tuple[Array, ...]:

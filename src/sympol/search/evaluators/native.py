@@ -1,4 +1,4 @@
-"""The arena of the lunar landers: whole episodes in machine code, a thread for each processor."""
+"""The arena of environments with machine code: whole episodes, a thread for each processor."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from ...envs.lunar_lander.flights import engines, fly, fly_changed, watch
+from ...envs.capabilities import NativeEngine
+from ...envs.spec import EnvSpec
 from ...play import episode_seed
 from ...threads import threads
 from ...trees import DecisionTree
-from .base import Arena, Played
+from .base import Arena, Played, Purpose
 from .stacked_trees import Packed, answers
 
 T = TypeVar("T")
@@ -23,12 +24,17 @@ T = TypeVar("T")
 class FlownArena(Arena):
     """See the module."""
 
+    def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
+        super().__init__(spec, seed, purpose)
+        assert spec.native is not None
+        self._engine: NativeEngine = spec.native
+
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
         packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        push = engines(answers(packed, self.spec))
+        actions = answers(packed, self.spec)
         seeds = np.tile(self._seeds(episodes), len(trees))
         tree = np.repeat(np.arange(len(trees), dtype=np.int32), len(episodes))
-        flown = _shared(lambda part: fly(packed, push, tree[part], seeds[part]))
+        flown = _shared(lambda part: self._engine.play(packed, actions, tree[part], seeds[part]))
         returns, lengths = np.zeros(len(seeds), np.float32), np.zeros(len(seeds), np.int32)
         for part, (earned, took) in flown:
             returns[part], lengths[part] = earned, took
@@ -37,8 +43,8 @@ class FlownArena(Arena):
 
     def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
         packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        push, seeds = engines(answers(packed, self.spec)), self._seeds(episodes)
-        flown = _shared(lambda part: fly_changed(packed, push, seeds[part]))
+        actions, seeds = answers(packed, self.spec), self._seeds(episodes)
+        flown = _shared(lambda part: self._engine.play_similar(packed, actions, seeds[part]))
         shape = len(trees), len(seeds)
         played = Played(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
         for part, (earned, took, _) in flown:
@@ -47,7 +53,7 @@ class FlownArena(Arena):
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
         packed = Packed.of([tree], 1, tree.n_nodes)
-        return watch(packed, engines(answers(packed, self.spec)), self._seeds(episodes))
+        return self._engine.observe(packed, answers(packed, self.spec), self._seeds(episodes))
 
     def _seeds(self, episodes: range) -> ndarray:
         return np.array([episode_seed(self.seed, episode, self.purpose) for episode in episodes], np.uint64)

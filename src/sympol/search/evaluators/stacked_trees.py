@@ -43,7 +43,7 @@ class Packed(NamedTuple):
             packed.threshold[i, own] = tree.threshold
             packed.left[i, own] = np.where(leaf, own, tree.children_left)
             packed.right[i, own] = np.where(leaf, own, tree.children_right)
-            packed.value[i, own] = tree.value
+            packed.value[i, own] = tree.leaf_outputs
         return packed
 
     def apply(

@@ -11,7 +11,7 @@ import time
 from ...distill.cart import fit_cart
 from ...envs.spec import EnvSpec
 from ..best_lookup import best_lookup
-from ..evaluators.tabular import TableArena, world_of
+from ..evaluators.tabular import TableArena
 from .candidates import Found, keep
 from .context import Site, chained, part
 from .front import Spent
@@ -24,7 +24,7 @@ FITS = 4
 
 def is_known(spec: EnvSpec) -> bool:
     """Whether an environment is a world that fits in tables."""
-    return world_of(spec.env) is not None
+    return spec.state_graph() is not None
 
 
 def looked_up(site: Site) -> None:

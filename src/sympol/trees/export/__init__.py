@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, final
 
-from ..tree import DecisionTree
+from ..base import BaseTree
 
 
 @final
@@ -32,7 +32,7 @@ class Format:
         """All suffixes of its files, the usual one first."""
         return (self.suffix, *self.also)
 
-    def write(self, tree: DecisionTree, **options: Any) -> str | bytes:
+    def write(self, tree: BaseTree, **options: Any) -> str | bytes:
         """Write the tree. Raises ImportError, saying what to install, where a library is lacking."""
         return self._function(tree, **options)
 

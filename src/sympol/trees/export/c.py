@@ -9,9 +9,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..base import BaseTree
 from ..floats import unflushed_threshold
 from ..text import node_words
-from ..tree import DecisionTree
 from .common import (
     Answers,
     Step,
@@ -84,7 +84,7 @@ int {name}_valid(const float x[{n}])
 """
 
 
-def to_c(tree: DecisionTree, *, style: str = "ifs", name: str = "policy") -> str:
+def to_c(tree: BaseTree, *, style: str = "ifs", name: str = "policy") -> str:
     """Write a C file whose ``NAME_act`` acts as `DecisionTree.predict` does on every observation, to the bit.
 
     ``int32_t NAME_act(const float x[N])`` where actions are discrete (``int64_t`` where they are too large),
@@ -119,7 +119,7 @@ def to_c(tree: DecisionTree, *, style: str = "ifs", name: str = "policy") -> str
     return "\n".join(part for part in (head, tables, act, _valid(tree, name)) if part)
 
 
-def to_c_header(tree: DecisionTree, *, name: str = "policy") -> str:
+def to_c_header(tree: BaseTree, *, name: str = "policy") -> str:
     """Write the header of what `to_c` writes under this name, for C and for C++."""
     guard = f"{check_name(name).upper()}_H"
     prototypes = _prototypes(tree, answers(tree), name)
@@ -130,12 +130,12 @@ def to_c_header(tree: DecisionTree, *, name: str = "policy") -> str:
     )
 
 
-def _prototypes(tree: DecisionTree, rows: Answers, name: str) -> str:
+def _prototypes(tree: BaseTree, rows: Answers, name: str) -> str:
     valid = f"\nint {name}_valid(const float x[{tree.n_features}]);" if tree.groups else ""
     return f"{_signature(tree, rows, name)};{valid}"
 
 
-def _signature(tree: DecisionTree, rows: Answers, name: str) -> str:
+def _signature(tree: BaseTree, rows: Answers, name: str) -> str:
     kind = answer_type(rows)
     x = f"const float x[{max(tree.n_features, 1)}]"  # C has no arrays of nothing
     if rows.single:
@@ -164,7 +164,7 @@ def _index_type(n: int) -> str:
     return f"uint{next(bits for bits in (8, 16, 32) if n <= 2**bits)}_t"
 
 
-def _ifs(tree: DecisionTree, rows: Answers) -> str:
+def _ifs(tree: BaseTree, rows: Answers) -> str:
     def head(step: Step) -> str:
         asked = f"x[{tree.feature[step.node]}] <= {_hex(unflushed_threshold(tree.threshold[step.node]))}"
         asked = asked if step.side == "left" else f"!({asked})"
@@ -179,7 +179,7 @@ def _ifs(tree: DecisionTree, rows: Answers) -> str:
     return nested_ifs(tree, "    ", head, "}", answer)
 
 
-def _tables(tree: DecisionTree, rows: Answers, name: str) -> tuple[str, int]:
+def _tables(tree: BaseTree, rows: Answers, name: str) -> tuple[str, int]:
     """The constant arrays, and how many bytes they take."""
     loop = table(tree, rows)
     feature, child = _index_type(tree.n_features), _integer_type(np.ravel(loop.child))
@@ -198,7 +198,7 @@ def _tables(tree: DecisionTree, rows: Answers, name: str) -> tuple[str, int]:
     return "\n".join(f"static const {what} = {{\n{filled(items)}\n}};\n" for what, items in arrays), size
 
 
-def _loop(tree: DecisionTree, rows: Answers, name: str) -> str:
+def _loop(tree: BaseTree, rows: Answers, name: str) -> str:
     loop = _LOOP.format(node=_integer_type(np.ravel(table(tree, rows).child)), name=name)
     if rows.single:
         return f"{loop}    return {name}_answer[~node];\n"
@@ -206,7 +206,7 @@ def _loop(tree: DecisionTree, rows: Answers, name: str) -> str:
     return loop + "".join(copies)
 
 
-def _valid(tree: DecisionTree, name: str) -> str:
+def _valid(tree: BaseTree, name: str) -> str:
     if not tree.groups:
         return ""
     index, groups = _index_type(tree.n_features), [group.features for group in tree.groups]

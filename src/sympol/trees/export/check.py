@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from ..tree import DecisionTree
+from ..base import BaseTree
 from . import c, rust
 from . import check_mains as mains
 from .common import Answers, answers
@@ -46,7 +46,7 @@ class Ran:
     seconds: tuple[float, ...] = ()
 
 
-def trial_observations(tree: DecisionTree, n: int, seed: int = 0) -> Float32[np.ndarray, "n features"]:
+def trial_observations(tree: BaseTree, n: int, seed: int = 0) -> Float32[np.ndarray, "n features"]:
     """Draw observations that the tree accepts: on thresholds and bounds, beside them, anywhere, infinite, NaN, tiny."""
     rng = np.random.default_rng(seed)
     tiny = np.array([0.0, -0.0, 1e-40, -1e-40, 2.0**-126, -(2.0**-126)], np.float32)
@@ -69,7 +69,7 @@ def trial_observations(tree: DecisionTree, n: int, seed: int = 0) -> Float32[np.
 
 
 def run(
-    tree: DecisionTree, to: str, x: Float32[np.ndarray, "batch features"], *, rounds: int = 1, **options: Any
+    tree: BaseTree, to: str, x: Float32[np.ndarray, "batch features"], *, rounds: int = 1, **options: Any
 ) -> Ran:
     """Export the tree, compile it, run it on observations; its actions are flat, [batch, outputs].
 
@@ -95,7 +95,7 @@ def run(
     return Ran(np.asarray(ran.actions).reshape(len(x), rows.n_outputs), ran.seconds)
 
 
-def expected(tree: DecisionTree, x: Float32[np.ndarray, "batch features"]) -> np.ndarray:
+def expected(tree: BaseTree, x: Float32[np.ndarray, "batch features"]) -> np.ndarray:
     """What the tree does, as `run` has it: flat, [batch, outputs]."""
     return tree.predict(x).reshape(len(x), -1)
 
@@ -148,7 +148,7 @@ def _build_and_run(
     return Ran(np.frombuffer(written, dtype), tuple(map(float, said.split())))
 
 
-def _c(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
+def _c(tree: BaseTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
     kind = c.answer_type(rows)
     main = mains.c(tree.n_features, rows.n_outputs, kind, rows.single)
     files = {"policy.c": c.to_c(tree, **options), "main.c": main}
@@ -156,19 +156,19 @@ def _c(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options:
     return _build_and_run(files, build, ["./main"], x, rounds, _DTYPES[kind])
 
 
-def _rust(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
+def _rust(tree: BaseTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
     files = {"policy.rs": rust.to_rust(tree, **options), "main.rs": mains.rust(tree.n_features, rows.single)}
     build = [program("rustc", "rustc"), *STRICT_RUST, "-O", "main.rs"]
     return _build_and_run(files, build, ["./main"], x, rounds, _DTYPES[rust.answer_type(rows)])
 
 
-def _javascript(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
+def _javascript(tree: BaseTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
     main = mains.javascript(tree.n_features, rows.is_float)
     files = {"policy.mjs": to_javascript(tree, **options), "main.mjs": main}
     return _build_and_run(files, [], [program("node", "nodejs"), "main.mjs"], x, rounds, rows.rows.dtype)
 
 
-def _python(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
+def _python(tree: BaseTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
     namespace: dict[str, Any] = {"__name__": "policy"}
     exec(compile(to_python(tree, **options), "policy.py", "exec"), namespace)
     act, lists, seconds = namespace["act"], x.tolist(), []
@@ -180,7 +180,7 @@ def _python(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **opt
     return Ran(np.array(done, rows.rows.dtype), tuple(seconds))
 
 
-def _sql(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
+def _sql(tree: BaseTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
     n = tree.n_features
     query = to_sql(tree, **{"style": "sqlite", **options, "columns": [f"f{i}" for i in range(n)]})
     seconds, done = [], []
@@ -194,7 +194,7 @@ def _sql(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **option
     return Ran(np.array([row[n:] for row in done], rows.rows.dtype), tuple(seconds))
 
 
-def _onnx(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
+def _onnx(tree: BaseTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
     try:
         import onnxruntime
     except ImportError as error:
@@ -209,7 +209,7 @@ def _onnx(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **optio
     return Ran(done, tuple(seconds))
 
 
-def _treelite(tree: DecisionTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
+def _treelite(tree: BaseTree, rows: Answers, x: np.ndarray, rounds: int, **options: Any) -> Ran:
     written = to_treelite(tree, **options)
     import treelite
 

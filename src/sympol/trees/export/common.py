@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, final
 import numpy as np
 
 from ..actions import BoxActions, DiscreteActions
+from ..base import BaseTree
 from ..floats import printable, unflushed_threshold
+from ..preorder import visits
 from ..text import asked_group, node_words, question
-from ..traversal import visits
-from ..tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float32, Int, Int64
@@ -40,7 +40,7 @@ class Step:
     """Of an ``if``: the child to which it leads."""
 
 
-def steps(tree: DecisionTree) -> Iterator[Step]:
+def steps(tree: BaseTree) -> Iterator[Step]:
     """The lines of a program, top to bottom: every ``if`` ends in an answer, so what follows it is its else.
 
     First comes what "yes" leads to; where that is more than `MAX_HEIGHT` high, the smaller child. So the nesting
@@ -66,7 +66,7 @@ def steps(tree: DecisionTree) -> Iterator[Step]:
 
 
 def nested_ifs(
-    tree: DecisionTree,
+    tree: BaseTree,
     indent: str,
     head: Callable[[Step], str],
     tail: str | None,
@@ -91,7 +91,7 @@ def nested_ifs(
     return "\n".join(lines) + "\n"
 
 
-def _sizes(tree: DecisionTree) -> tuple[Int[np.ndarray, " nodes"], Int[np.ndarray, " nodes"]]:
+def _sizes(tree: BaseTree) -> tuple[Int[np.ndarray, " nodes"], Int[np.ndarray, " nodes"]]:
     """The leaves below each node, and the comparisons on the longest way down from it."""
     size = visits(tree.children_left, tree.children_right, np.flatnonzero(tree.is_leaf))
     height = np.zeros(tree.n_nodes, np.int64)
@@ -126,14 +126,14 @@ class Answers:
         return self.rows[self.row_of[leaf]].tolist()
 
 
-def answers(tree: DecisionTree) -> Answers:
+def answers(tree: BaseTree) -> Answers:
     """The tree's answers, actions numbered from ``start`` and means clipped: what `DecisionTree.predict` returns.
 
     Raises:
         ValueError: if a number is infinite, or a whole one beyond 2^53.
     """
     leaves = np.flatnonzero(tree.is_leaf)
-    decided = tree.actions.decide(tree.value[leaves]).reshape(len(leaves), -1)
+    decided = tree.leaf_actions[leaves].reshape(len(leaves), -1)
     if not (np.isfinite(decided) if decided.dtype == np.float32 else np.abs(decided) <= LARGEST_ACTION).all():
         raise ValueError(
             f"actions must be finite, and whole ones within ±2^53, which every language can hold; got {tree.actions!r}"
@@ -159,7 +159,7 @@ class Table:
     child: list[tuple[int, int]]
 
 
-def table(tree: DecisionTree, rows: Answers) -> Table:
+def table(tree: BaseTree, rows: Answers) -> Table:
     """Number the inner nodes. There is at least one comparison, or no loop to be written."""
     inner = np.flatnonzero(~tree.is_leaf)
     number = np.where(tree.is_leaf, ~rows.row_of, np.cumsum(~tree.is_leaf) - 1)
@@ -176,7 +176,7 @@ def table(tree: DecisionTree, rows: Answers) -> Table:
     )
 
 
-def branch_words(tree: DecisionTree, step: Step) -> str:
+def branch_words(tree: BaseTree, step: Step) -> str:
     """Say when an ``if`` is entered: ``pole angle ≤ 0.021``, ``front is not lava``."""
     group = asked_group(tree, step.node)
     if group is not None:
@@ -195,7 +195,7 @@ def comment(words: str) -> str:
     return parted + " " if parted.endswith("\\") else parted
 
 
-def legend(tree: DecisionTree) -> list[str]:
+def legend(tree: BaseTree) -> list[str]:
     """What goes in and what comes out, a line each, for the comment at the head of a program."""
     lines = [f"x[{i}]: {comment(name)}" for i, name in enumerate(tree.feature_names)]
     actions = tree.actions

@@ -6,8 +6,8 @@ reads HTML's entities there) are escaped, and nowhere else.
 
 from __future__ import annotations
 
+from ..base import BaseTree
 from ..text import leaf_words, question, visit_share
-from ..tree import DecisionTree
 
 _HEADER = """\
 // a decision tree policy, written by sympol; draw it: dot -Tsvg tree.dot -o tree.svg
@@ -17,7 +17,7 @@ digraph tree {
   edge [fontname="Helvetica"];"""
 
 
-def to_dot(tree: DecisionTree, *, digits: int | None = None) -> str:
+def to_dot(tree: BaseTree, *, digits: int | None = None) -> str:
     """Write the graph, yes to the left of no; what a leaf does has round corners, with the share of visits.
 
     Thresholds are written as by `sympol.trees.text`, in ``digits`` significant digits.

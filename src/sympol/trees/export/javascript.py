@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
+from ..base import BaseTree
 from ..floats import number, unflushed_threshold
 from ..text import node_words
-from ..tree import DecisionTree
 from .common import (
     Answers,
     Step,
@@ -74,7 +74,7 @@ _LOOP = """\
 """
 
 
-def to_javascript(tree: DecisionTree, *, style: str = "ifs") -> str:
+def to_javascript(tree: BaseTree, *, style: str = "ifs") -> str:
     """Write a module whose ``act`` acts as `DecisionTree.predict` does on every observation, to the bit.
 
     An action is a number where actions are discrete, an array of them for several components, and a flat array of
@@ -106,7 +106,7 @@ def to_javascript(tree: DecisionTree, *, style: str = "ifs") -> str:
     return head + groups + (_tables(tree, rows) if as_table else "") + act
 
 
-def _ifs(tree: DecisionTree, rows: Answers) -> str:
+def _ifs(tree: BaseTree, rows: Answers) -> str:
     def head(step: Step) -> str:
         # a decimal of few digits is another double; rounded to float32 it is the threshold
         threshold = number(unflushed_threshold(tree.threshold[step.node]))
@@ -120,7 +120,7 @@ def _ifs(tree: DecisionTree, rows: Answers) -> str:
     return nested_ifs(tree, "  ", head, "}", answer)
 
 
-def _tables(tree: DecisionTree, rows: Answers) -> str:
+def _tables(tree: BaseTree, rows: Answers) -> str:
     loop = table(tree, rows)
     children = [child for both in loop.child for child in both]
     typed = "Int16Array" if -(2**15) <= min(children) <= max(children) < 2**15 else "Int32Array"

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import unicodedata
 
+from ..base import BaseTree
 from ..text import leaf_words, question, visit_share
-from ..tree import DecisionTree
 
 _HEADER = r"""% a decision tree policy, written by sympol; it needs \usepackage{forest}, then \input{tree.tex}
 \begin{forest}
@@ -37,7 +37,7 @@ _COMMANDS = {
 _LATIN = range(0xC0, 0x180)  # letters with accents, which LaTeX knows by itself
 
 
-def to_latex(tree: DecisionTree, *, digits: int | None = None) -> str:
+def to_latex(tree: BaseTree, *, digits: int | None = None) -> str:
     """Write the picture, yes to the left of no; what a leaf does has round corners, with the share of visits.
 
     Thresholds are written as by `sympol.trees.text`, in ``digits`` significant digits. forest takes its time over

@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from ..base import BaseTree
 from ..text import checked_lines, leaf_conditions, leaf_words, visit_share
-from ..tree import DecisionTree
 
 _BACKSLASHED = "\\`*_{}[]#!"
 _AS_ENTITY = "&<>|~$@^=\"'"
@@ -19,7 +19,7 @@ _LINKS = re.compile(r"(?<=[A-Za-z]):(?=/)|(?<=[Ww]{3})\.")
 """What GitHub's Markdown makes links of without any mark: ``http://…`` and ``www.…``."""
 
 
-def to_markdown(tree: DecisionTree, *, digits: int | None = None) -> str:
+def to_markdown(tree: BaseTree, *, digits: int | None = None) -> str:
     """Write the table, a leaf a row, in the order of `DecisionTree.rules`.
 
     Visits are there where they are known. Thresholds are written as by `sympol.trees.text`, in ``digits``
@@ -31,7 +31,7 @@ def to_markdown(tree: DecisionTree, *, digits: int | None = None) -> str:
     return "\n".join([*checked_lines(_rows(tree, digits)), ""])
 
 
-def _rows(tree: DecisionTree, digits: int | None) -> Iterator[str]:
+def _rows(tree: BaseTree, digits: int | None) -> Iterator[str]:
     counted = tree.n_node_samples is not None
     yield _row(["When", "Action", *["Visits"] * counted])
     yield _row(["---", "---", *["---:"] * counted])

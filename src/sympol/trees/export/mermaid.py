@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import re
 
+from ..base import BaseTree
 from ..text import node_words, question, visit_share
-from ..tree import DecisionTree
 
 _SPECIAL = re.compile(r"(?![.-][0-9])[^\w ,()≤]|_")
 """All but letters, digits and what means nothing to Mermaid within quotes; a number's point and sign may stay, too."""
 
 
-def to_mermaid(tree: DecisionTree, *, digits: int | None = None) -> str:
+def to_mermaid(tree: BaseTree, *, digits: int | None = None) -> str:
     """Write the flowchart, yes to the left of no; what a leaf does has round corners, with the share of visits.
 
     Thresholds are written as by `sympol.trees.text`, in ``digits`` significant digits.

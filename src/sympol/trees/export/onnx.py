@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..actions import BoxActions, DiscreteActions
+from ..base import BaseTree
 from ..floats import unflushed_threshold
-from ..tree import DecisionTree
 from .common import answers, check_name
 
 _IR_VERSION, _OPSET, _ML_OPSET = 9, 17, 3
@@ -18,7 +18,7 @@ _MOST_ROWS = 2**24
 """Up to it a float32 counts."""
 
 
-def to_onnx(tree: DecisionTree, *, name: str = "policy") -> bytes:
+def to_onnx(tree: BaseTree, *, name: str = "policy") -> bytes:
     """Write a model from ``observation``, float32 [batch, features], to ``action``, which is what `predict` returns.
 
     Actions are int64 [batch] where they are discrete, int64 [batch, components] for several components, and float32
@@ -75,13 +75,13 @@ def to_onnx(tree: DecisionTree, *, name: str = "policy") -> bytes:
     return model.SerializeToString()
 
 
-def _shape(tree: DecisionTree) -> tuple[int, ...]:
+def _shape(tree: BaseTree) -> tuple[int, ...]:
     if isinstance(tree.actions, DiscreteActions):
         return ()
     return tree.actions.shape if isinstance(tree.actions, BoxActions) else (len(tree.actions.nvec),)
 
 
-def _nodes(tree: DecisionTree, row_of: np.ndarray) -> dict[str, Any]:
+def _nodes(tree: BaseTree, row_of: np.ndarray) -> dict[str, Any]:
     """The attributes of the operator: every leaf's one number is its row."""
     leaf, leaves = tree.is_leaf, np.flatnonzero(tree.is_leaf).tolist()
     every = range(tree.n_nodes)

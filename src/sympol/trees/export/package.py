@@ -20,9 +20,10 @@ import numpy as np
 
 from ... import __version__
 from ..actions import BoxActions, DiscreteActions
+from ..base import BaseTree
 from ..boxes import leaf_boxes
 from ..floats import shortest
-from ..tree import DecisionTree
+from ..text import to_text
 from .python import to_python
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ act({observation})  # {action}
 """
 
 
-def to_package(tree: DecisionTree, name: str) -> dict[str, str]:
+def to_package(tree: BaseTree, name: str) -> dict[str, str]:
     """Write the files of a package: their paths, relative to its folder, and what is in them.
 
     ``name`` is what it is imported as; ``from name import act``.
@@ -154,7 +155,7 @@ def to_package(tree: DecisionTree, name: str) -> dict[str, str]:
         size=f"{tree.n_nodes} nodes, {tree.n_leaves} leaves, depth {tree.depth}",
         observation=cases[0][0],
         action=cases[0][1],
-        tree=_block(tree.to_text()),
+        tree=_block(to_text(tree)),
         features=_block("\n".join(f"{i}: {name!a}" for i, name in enumerate(tree.feature_names))),
         meta=_block(json.dumps(tree.meta, indent=2)),
     )
@@ -171,7 +172,7 @@ def to_package(tree: DecisionTree, name: str) -> dict[str, str]:
     }
 
 
-def recorded(tree: DecisionTree) -> Float32[np.ndarray, "batch features"]:
+def recorded(tree: BaseTree) -> Float32[np.ndarray, "batch features"]:
     """Return observations that tell: the lowest and the highest corner of what ends in each leaf, infinities and NaN.
 
     A corner is on a threshold, or on the first float32 above one, in every feature that the way to the leaf asks about.
@@ -190,7 +191,7 @@ def recorded(tree: DecisionTree) -> Float32[np.ndarray, "batch features"]:
     return np.array(list(different.values()))
 
 
-def _answer(tree: DecisionTree) -> tuple[str, str]:
+def _answer(tree: BaseTree) -> tuple[str, str]:
     """The type of an action, and what it is in words."""
     if isinstance(tree.actions, DiscreteActions):
         return "int", "an int"
@@ -199,7 +200,7 @@ def _answer(tree: DecisionTree) -> tuple[str, str]:
     return f"tuple[{', '.join(['int'] * len(tree.actions.nvec))}]", "a tuple of ints"
 
 
-def _action(tree: DecisionTree, x: Float32[np.ndarray, " features"]) -> str:
+def _action(tree: BaseTree, x: Float32[np.ndarray, " features"]) -> str:
     action = tree.predict(x)
     if isinstance(tree.actions, DiscreteActions):
         return repr(int(action))

@@ -16,10 +16,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..actions import DiscreteActions, MultiDiscreteActions
+from ..base import BaseTree
 from ..floats import double_threshold
 from ..groups import Group
 from ..text import asked_group, node_words
-from ..tree import DecisionTree
 from .common import Answers, Step, answers, branch_words, filled, nested_ifs, variables
 
 _HEADER = '''\
@@ -80,7 +80,7 @@ _ANSWERS = {DiscreteActions: "an int", MultiDiscreteActions: "a tuple of ints"}
 _TAKEN = {*dir(builtins), *keyword.kwlist, "act", "observation", "array", "see", "x"}
 
 
-def to_python(tree: DecisionTree) -> str:
+def to_python(tree: BaseTree) -> str:
     """Write the program. It acts as `DecisionTree.predict` does on every observation, to the bit.
 
     An action is an int where actions are discrete, a tuple of ints for several components, and a flat list of
@@ -140,7 +140,7 @@ def _unpacked(names: list[str]) -> str:
     return f"[{flat}]" if len(flat) < 80 else f"[\n{filled(names, ' ' * 12)}\n        ]"
 
 
-def _body(tree: DecisionTree, names: list[str], labelled: dict[Group, _Labels]) -> str:
+def _body(tree: BaseTree, names: list[str], labelled: dict[Group, _Labels]) -> str:
     rows = answers(tree)
 
     def head(step: Step) -> str:
@@ -152,7 +152,7 @@ def _body(tree: DecisionTree, names: list[str], labelled: dict[Group, _Labels]) 
     return nested_ifs(tree, "    ", head, None, answer)
 
 
-def _condition(tree: DecisionTree, step: Step, names: list[str], labelled: dict[Group, _Labels]) -> str:
+def _condition(tree: BaseTree, step: Step, names: list[str], labelled: dict[Group, _Labels]) -> str:
     """Ask a question as Python does, and in words where that does not read by itself."""
     feature, words = int(tree.feature[step.node]), branch_words(tree, step)
     if (group := asked_group(tree, step.node)) is not None:
@@ -164,7 +164,7 @@ def _condition(tree: DecisionTree, step: Step, names: list[str], labelled: dict[
     return f"{asked if step.side == 'left' else f'not {asked}'}:  # {words}"
 
 
-def _answer(rows: Answers, leaf: int, tree: DecisionTree) -> str:
+def _answer(rows: Answers, leaf: int, tree: BaseTree) -> str:
     answer = rows.of(leaf)
     if rows.single:
         return repr(answer[0])

@@ -5,9 +5,9 @@ Names come from strangers. In Rust they stand in line comments, in ASCII.
 
 from __future__ import annotations
 
+from ..base import BaseTree
 from ..floats import shortest, unflushed_threshold
 from ..text import node_words
-from ..tree import DecisionTree
 from .common import Answers, Step, answers, branch_words, comment, filled, legend, nested_ifs
 
 _HEAD = """\
@@ -46,7 +46,7 @@ fn one_hot(x: &[f32; {n}], features: &[usize]) -> bool {{
 """
 
 
-def to_rust(tree: DecisionTree) -> str:
+def to_rust(tree: BaseTree) -> str:
     """Write a Rust file whose ``act`` acts as `DecisionTree.predict` does on every observation, to the bit.
 
     ``pub fn act(x: &[f32; N]) -> i32`` where actions are discrete (``i64`` where they are too large), ``-> [i32; K]``
@@ -72,7 +72,7 @@ def to_rust(tree: DecisionTree) -> str:
     return head + act + _valid(tree)
 
 
-def _valid(tree: DecisionTree) -> str:
+def _valid(tree: BaseTree) -> str:
     if not tree.groups:
         return ""
     groups = "\n".join(
@@ -89,7 +89,7 @@ def answer_type(rows: Answers) -> str:
     return "f32" if rows.is_float else "i32" if small else "i64"
 
 
-def _ifs(tree: DecisionTree, rows: Answers) -> str:
+def _ifs(tree: BaseTree, rows: Answers) -> str:
     def head(step: Step) -> str:
         asked = f"x[{tree.feature[step.node]}] <= {_float(unflushed_threshold(tree.threshold[step.node]))}"
         asked = asked if step.side == "left" else f"!({asked})"

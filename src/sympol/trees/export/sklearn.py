@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..actions import ActionSpec, BoxActions, DiscreteActions
+from ..base import BaseTree
 from ..floats import unflushed_threshold
-from ..traversal import visits
-from ..tree import DecisionTree
+from ..preorder import visits
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 
-def to_sklearn(tree: DecisionTree, *, names: bool = True) -> DecisionTreeClassifier | DecisionTreeRegressor:
+def to_sklearn(tree: BaseTree, *, names: bool = True) -> DecisionTreeClassifier | DecisionTreeRegressor:
     """Make an estimator whose ``predict`` acts as the tree does, to the bit, on every finite observation.
 
     Discrete actions make a classifier, several components a classifier with several outputs, continuous
@@ -101,13 +101,13 @@ def _output_sizes(actions: ActionSpec) -> np.ndarray:
     return np.array([actions.n] if isinstance(actions, DiscreteActions) else actions.nvec, np.intp)
 
 
-def _leaf_values(tree: DecisionTree) -> Float[np.ndarray, "nodes outputs classes"]:
+def _leaf_values(tree: BaseTree) -> Float[np.ndarray, "nodes outputs classes"]:
     """Return scikit-learn's values: class probabilities padded with zeros, or the numbers themselves."""
     actions = tree.actions
-    decided = actions.decide(tree.value)
+    decided = tree.leaf_actions
     if isinstance(actions, BoxActions):
         return decided.reshape(tree.n_nodes, -1, 1).astype(np.float64)
-    chances = actions.probabilities(tree.value)
+    chances = actions.probabilities(tree.leaf_outputs)
     parts = chances if isinstance(chances, tuple) else (chances,)
     value = np.zeros((tree.n_nodes, len(parts), max(part.shape[1] for part in parts)))
     start = np.reshape(actions.start, (1, -1))

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import chain, count
 
+from ..base import BaseTree
 from ..floats import double_threshold
 from ..text import node_words
-from ..tree import DecisionTree
 from .common import answers, branch_words, check_style, comment, legend, steps
 
 STYLES = ("postgresql", "sqlite")
@@ -35,7 +35,7 @@ FROM {table} AS o;
 
 
 def to_sql(
-    tree: DecisionTree,
+    tree: BaseTree,
     *,
     style: str = "postgresql",
     table: str = "observations",
@@ -112,7 +112,7 @@ def _is_name(name: str) -> bool:
     return name.isprintable() and 0 < len(name.encode("utf-8", "replace")) <= _LONGEST
 
 
-def _case(tree: DecisionTree, names: Sequence[str], answer: Sequence[str]) -> Iterator[str]:
+def _case(tree: BaseTree, names: Sequence[str], answer: Sequence[str]) -> Iterator[str]:
     """The lines of the expression: what follows an ``if`` is the next WHEN of the same CASE, or its ELSE."""
     is_open = [False] * (tree.depth + 1)
     for step in steps(tree):

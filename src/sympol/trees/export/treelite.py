@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base import BaseTree
 from ..floats import unflushed_threshold
-from ..tree import DecisionTree
 from .common import answers
 
 _LARGEST = 2**24
 """Up to it float32 holds every whole number."""
 
 
-def to_treelite(tree: DecisionTree) -> bytes:
+def to_treelite(tree: BaseTree) -> bytes:
     """Write a regressor, read again by ``treelite.Model.deserialize_bytes``, whose prediction is the action itself.
 
     It predicts float32 [batch, numbers of an action, 1]: the action's number, or those of its components, or the

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base import BaseTree
 from ..floats import printable, shortest
 from ..groups import Group
 from ..text import asked_group
-from ..tree import DecisionTree
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -18,9 +18,7 @@ _BEYOND = 0.2
 """How much further than what was seen a slider goes, as a part of its range."""
 
 
-def features_data(
-    tree: DecisionTree, seen: Float32[np.ndarray, "batch features"] | None
-) -> list[dict[str, Any]]:
+def features_data(tree: BaseTree, seen: Float32[np.ndarray, "batch features"] | None) -> list[dict[str, Any]]:
     """Describe each feature: name, range of its slider, where the tree splits, whether it is a whole number."""
     return [
         {
@@ -34,9 +32,7 @@ def features_data(
     ]
 
 
-def _ranges(
-    tree: DecisionTree, seen: Float32[np.ndarray, "batch features"] | None
-) -> list[tuple[float, float]]:
+def _ranges(tree: BaseTree, seen: Float32[np.ndarray, "batch features"] | None) -> list[tuple[float, float]]:
     """Take what was seen and where the tree splits, and some more, within the bounds of the space.
 
     Bounds alone are often so far out that all that matters lies in one notch of a slider. Where nothing was seen
@@ -54,7 +50,7 @@ def _ranges(
     return ranges
 
 
-def importance(tree: DecisionTree) -> list[dict[str, Any]] | None:
+def importance(tree: BaseTree) -> list[dict[str, Any]] | None:
     """Return for each feature, or group, the share of decisions that ask for it; None without visits.
 
     A decision asks for a feature if a comparison on its way does; that it does so twice changes nothing. The
@@ -78,7 +74,7 @@ def importance(tree: DecisionTree) -> list[dict[str, Any]] | None:
     return [{"name": _name(tree, about), "share": n / int(visits[0])} for about, n in ordered]
 
 
-def _name(tree: DecisionTree, about: int | Group) -> str:
+def _name(tree: BaseTree, about: int | Group) -> str:
     if isinstance(about, Group):
         return printable(about.name) or " / ".join(printable(category) for category in about.categories)
     return printable(tree.feature_names[about])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..base import BaseTree
 from ..floats import printable
-from ..tree import DecisionTree
 from .page import write_page
 from .policy import policy_data
 from .programs import programs_data
 
 
-def to_html(tree: DecisionTree) -> str:
+def to_html(tree: BaseTree) -> str:
     """Write the tree as a page: to look at, to ask, to fold, to copy; `sympol report` adds episodes and returns.
 
     Raises:
@@ -37,6 +37,6 @@ def to_html(tree: DecisionTree) -> str:
     return write_page(title, "report", data)
 
 
-def size_facts(tree: DecisionTree) -> list[list[Any]]:
+def size_facts(tree: BaseTree) -> list[list[Any]]:
     """Say how large a tree is, as the head of a page does."""
     return [[f"{tree.n_nodes:,}", "nodes"], [f"{tree.n_leaves:,}", "leaves"], [f"{tree.depth:,}", "depth"]]

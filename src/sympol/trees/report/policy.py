@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..actions import BoxActions, MultiDiscreteActions
+from ..base import BaseTree
 from ..floats import number, printable, shortest
 from ..plot import COLOURS, leaf_colours
 from ..plot_boxes import readable_on
 from ..plot_grid_view import glyph, view_side
 from ..text import Choice, asked_group, leaf_conditions, leaf_words, question, rule_words
-from ..tree import DecisionTree
 from .features import features_data, importance
 
 if TYPE_CHECKING:
@@ -28,9 +28,7 @@ MOST_NODES, MOST_FEATURES = 5000, 2000
 _MOST_OF_A_SCALE = 7
 
 
-def policy_data(
-    tree: DecisionTree, seen: Float32[np.ndarray, "batch features"] | None = None
-) -> dict[str, Any]:
+def policy_data(tree: BaseTree, seen: Float32[np.ndarray, "batch features"] | None = None) -> dict[str, Any]:
     """Describe a tree for the page; ``seen`` are visited observations, which the sliders have to reach.
 
     Raises:
@@ -74,7 +72,7 @@ def packed(observations: Float32[np.ndarray, "steps features"]) -> str:
     return base64.b64encode(np.ascontiguousarray(observations, dtype="<f4").tobytes()).decode()
 
 
-def _inner(tree: DecisionTree, node: int) -> dict[str, Any]:
+def _inner(tree: BaseTree, node: int) -> dict[str, Any]:
     asked, group = question(tree, node, DIGITS), asked_group(tree, node)
     feature = int(tree.feature[node])
     described: dict[str, Any] = {
@@ -96,7 +94,7 @@ def _inner(tree: DecisionTree, node: int) -> dict[str, Any]:
 
 
 def _leaf(
-    tree: DecisionTree, leaf: int, rule: str, known: Conditions, colours: tuple[str, ...]
+    tree: BaseTree, leaf: int, rule: str, known: Conditions, colours: tuple[str, ...]
 ) -> dict[str, Any]:
     words = leaf_words(tree, leaf, DIGITS)
     return {
@@ -117,9 +115,9 @@ def _condition(about: Any, condition: Any) -> dict[str, Any]:
     return {"words": condition.words(), "feature": about, "above": above, "most": most}
 
 
-def _answer(tree: DecisionTree, leaf: int, colours: tuple[str, ...]) -> list[dict[str, Any]]:
+def _answer(tree: BaseTree, leaf: int, colours: tuple[str, ...]) -> list[dict[str, Any]]:
     """Describe what a leaf answers, component by component: chances of options, or a number in its range."""
-    actions, value = tree.actions, tree.value[leaf : leaf + 1]
+    actions, value = tree.actions, tree.leaf_outputs[leaf : leaf + 1]
     if isinstance(actions, BoxActions):
         return _numbers(actions, np.ravel(actions.decide(value)), colours)
     chances = actions.probabilities(value)
@@ -157,11 +155,11 @@ def _numbers(
     ]
 
 
-def _legend(tree: DecisionTree, colours: list[tuple[str, ...]]) -> list[dict[str, Any]]:
+def _legend(tree: BaseTree, colours: list[tuple[str, ...]]) -> list[dict[str, Any]]:
     """Say which colour is which action; of continuous ones, some from the least to the largest."""
     actions = tree.actions
     if isinstance(actions, BoxActions):
-        decided = actions.decide(tree.value).reshape(tree.n_nodes, -1)
+        decided = tree.leaf_actions.reshape(tree.n_nodes, -1)
         return [
             {"name": printable(name), "options": _scale(decided[:, k], tree, [c[k] for c in colours])}
             for k, name in enumerate(actions.names)
@@ -177,19 +175,19 @@ def _legend(tree: DecisionTree, colours: list[tuple[str, ...]]) -> list[dict[str
     ]
 
 
-def _scale(decided: Float32[np.ndarray, " nodes"], tree: DecisionTree, colours: list[str]) -> list[list[str]]:
+def _scale(decided: Float32[np.ndarray, " nodes"], tree: BaseTree, colours: list[str]) -> list[list[str]]:
     values, leaves = np.unique(decided[tree.is_leaf], return_index=True)
     chosen = np.unique(np.linspace(0, len(values) - 1, _MOST_OF_A_SCALE).round().astype(int))
     nodes = np.flatnonzero(tree.is_leaf)[leaves]
     return [[number(float(values[i]), DIGITS), colours[nodes[i]]] for i in chosen]
 
 
-def _glyphs(tree: DecisionTree) -> list[dict[str, Any]]:
+def _glyphs(tree: BaseTree) -> list[dict[str, Any]]:
     """Draw every category that there is in a cell, as lines through points of the unit square."""
     return [{"category": printable(category), "lines": _lines(category)} for category in _seen_in_cells(tree)]
 
 
-def _seen_in_cells(tree: DecisionTree) -> list[str]:
+def _seen_in_cells(tree: BaseTree) -> list[str]:
     return list(dict.fromkeys(c for group in tree.groups if group.cell for c in group.categories))
 
 

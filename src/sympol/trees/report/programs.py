@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..base import BaseTree
 from ..export import FORMATS
-from ..tree import DecisionTree
 
 LARGEST = 60_000
 """Characters of one program; what is longer one rather exports than copies out of a page."""
@@ -11,7 +11,7 @@ LARGEST_SUM = 120_000
 """Of all of them: they must not be most of the page."""
 
 
-def programs_data(tree: DecisionTree) -> list[dict[str, str]]:
+def programs_data(tree: BaseTree) -> list[dict[str, str]]:
     """Write the tree in each format that is text; what is too long, or does not fit this tree, is left out."""
     programs: list[dict[str, str]] = []
     room = LARGEST_SUM

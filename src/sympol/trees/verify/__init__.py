@@ -1,12 +1,15 @@
-"""Proofs about trees by the boxes of their leaves: what is said holds for every observation, or here is one."""
+"""Exact proofs about trees: a property holds for every observation, or an observation refutes it.
+
+All observations that end in a leaf are a box, so a claim about all observations is a claim about finitely many boxes.
+`properties` says what can be claimed and how it is answered, `scanner` and `grammar` parse rules, `conditions` turns
+them into boxes and sends these down a tree, and `checks`, `possible` and `robustness` look at where they end.
+"""
 
 from ..boxes import unreachable_leaves
-from .possible import action_range, possible_actions
-from .proof import verify
-from .properties import Property, read_properties
+from .checks import equal, verify
+from .possible import action_range, action_regions, possible_actions
+from .properties import Example, Property, Verdict, read_properties
 from .robustness import Margins, Noise, margin, noise
-from .same import equal
-from .verdict import Example, Verdict
 
 __all__ = [
     "Example",
@@ -15,6 +18,7 @@ __all__ = [
     "Property",
     "Verdict",
     "action_range",
+    "action_regions",
     "equal",
     "margin",
     "noise",

@@ -1,4 +1,8 @@
-"""Reads a rule from left to right: names as they are or in quotes, words, numbers, signs."""
+"""A scanner for the text of a rule: words of the language, names of a tree, decimal numbers and signs.
+
+Names are those of the tree at hand and may hold blanks, signs and words of the language, so a rule cannot be cut
+into tokens beforehand: what may stand at a place decides how it is read there.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,13 @@ from typing import Never
 from ..floats import printable
 from ..name_lookup import did_you_mean
 
-WORDS = frozenset(
+KEYWORDS = frozenset(
     (
         *("when", "then", "and", "or", "not", "never", "always", "is", "neither", "nor", "one", "of"),
         *("between", "in", "increasing", "decreasing"),
     )
 )
-"""The words of the language; a name that is one of them has to be quoted."""
+"""The words of the language. A name that equals one of them must be quoted."""
 RELATIONS = {
     "<=": "<=",
     ">=": ">=",
@@ -30,64 +34,70 @@ RELATIONS = {
     "≥": ">=",
     "≠": "!=",
 }
+"""Every spelling of a relation and its canonical one; a spelling comes before those that it starts with."""
 _NUMBER = re.compile(r"[-+−]?(\d+(?:\.\d*)?|\.\d+)([eE][-+−]?\d{1,3})?(?![\w.])")
 _QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _END_OF_NAME = re.compile(
     r"(<|>|=|≤|≥|≠|!=|\(|\)|,|$|\b(?:is|and|or|then|when|between|in|never|always|neither|nor)\b)"
 )
-_LONGEST_RULE = 10_000
+_MAX_LENGTH = 10_000
 
 
 class Scanner:
-    """A place in the text of a rule. What it takes must stand there; what it finds may."""
+    """A position in the text of a rule that moves forward as parts of it are taken.
+
+    The ``take_`` methods return None and stay where they are if the part is not there.
+
+    Args:
+        text: The rule.
+
+    Raises:
+        ValueError: If the text has more than 10,000 characters.
+    """
 
     def __init__(self, text: str) -> None:
-        """Begin at the beginning.
-
-        Raises:
-            ValueError: if the text is too long to have been written by hand.
-        """
-        if len(text) > _LONGEST_RULE:
-            raise ValueError(f"a rule has at most {_LONGEST_RULE:,} characters, this one has {len(text):,}")
+        """Start at the beginning of the text."""
+        if len(text) > _MAX_LENGTH:
+            raise ValueError(f"a rule has at most {_MAX_LENGTH:,} characters, this one has {len(text):,}")
         self.text, self._at = text, 0
 
     def at_end(self) -> bool:
-        """Whether nothing is left."""
-        self._skip()
+        """Return whether only blanks are left."""
+        self._skip_blanks()
         return self._at == len(self.text)
 
-    def word(self, *words: str) -> str | None:
+    def at_relation(self) -> bool:
+        """Return whether a comparison starts here, without taking it."""
+        self._skip_blanks()
+        return self.text.startswith((*RELATIONS, "between "), self._at)
+
+    def take_word(self, *words: str) -> str | None:
         """Take the first of these words that stands here."""
-        self._skip()
+        self._skip_blanks()
         for word in words:
             end = self._at + len(word)
-            if self.text.startswith(word, self._at) and not _goes_on(self.text, end):
+            if self.text.startswith(word, self._at) and not _continues_word(self.text, end):
                 self._at = end
                 return word
         return None
 
-    def sign(self, *signs: str) -> str | None:
+    def take_sign(self, *signs: str) -> str | None:
         """Take the first of these signs that stands here."""
-        self._skip()
+        self._skip_blanks()
         for sign in signs:
             if self.text.startswith(sign, self._at):
                 self._at += len(sign)
                 return sign
         return None
 
-    def relation(self) -> str | None:
-        """Take ``<``, ``<=``, ``>``, ``>=``, ``=`` or ``!=``, however they are written."""
-        found = self.sign(*RELATIONS)
+    def take_relation(self) -> str | None:
+        """Take a relation in any spelling; return ``<``, ``<=``, ``>``, ``>=``, ``=`` or ``!=``."""
+        found = self.take_sign(*RELATIONS)
         return None if found is None else RELATIONS[found]
 
-    def stands_relation(self) -> bool:
-        """Whether a comparison stands here, which is not taken."""
-        self._skip()
-        return self.text.startswith((*RELATIONS, "between "), self._at)
-
-    def number(self) -> Decimal | None:
+    def take_number(self) -> Decimal | None:
         """Take a decimal number, exactly."""
-        self._skip()
+        self._skip_blanks()
         found = _NUMBER.match(self.text, self._at)
         if found is None:
             return None
@@ -95,17 +105,17 @@ class Scanner:
         try:
             return Decimal(found[0].replace("−", "-"))
         except InvalidOperation:
-            self.fail(f"{found[0]} is no number")
+            self.fail(f"{found[0]} is not a number")
 
-    def name(self, names: Sequence[str]) -> str | None:
+    def take_name(self, names: Sequence[str]) -> str | None:
         """Take the longest of these names that stands here, or the one in quotes.
 
-        Quotes are those of JSON. A name that is a word of the language has to be quoted.
+        Quotes are those of JSON. A name that equals a word of the language must be quoted.
 
         Raises:
-            ValueError: if what is in quotes is none of them.
+            ValueError: If the name in quotes is none of them.
         """
-        self._skip()
+        self._skip_blanks()
         quoted = _QUOTED.match(self.text, self._at)
         if quoted:
             try:
@@ -116,45 +126,49 @@ class Scanner:
                 self.fail(f"unknown name {printable(name)!r}; {did_you_mean(name, names)}")
             self._at = quoted.end()
             return name
-        fitting = [name for name in names if self._stands_here(name)]
-        if not fitting:
+        matches = [name for name in names if self._matches(name)]
+        if not matches:
             return None
-        longest = max(fitting, key=len)
+        longest = max(matches, key=len)
         self._at += len(longest)
         return longest
 
-    def fail_at_name(self, names: Sequence[str], what: str) -> Never:
-        """Say that what stands here is none of these names.
+    def fail_unknown_name(self, names: Sequence[str], kind: str) -> Never:
+        """Report that the name here is none of these.
+
+        Args:
+            names: The known names; the most similar ones are suggested.
+            kind: What they name, such as ``"feature"``.
 
         Raises:
-            ValueError: always.
+            ValueError: Always.
         """
-        self._skip()
+        self._skip_blanks()
         end = _END_OF_NAME.search(self.text, self._at)
         name = self.text[self._at : end.start() if end else len(self.text)].strip()
         if not name:
-            self.fail(f"expected {'an' if what[0] in 'aeiou' else 'a'} {what}; {did_you_mean(name, names)}")
-        self.fail(f"unknown {what} {printable(name)!r}; {did_you_mean(name, names)}")
+            self.fail(f"expected {'an' if kind[0] in 'aeiou' else 'a'} {kind}; {did_you_mean(name, names)}")
+        self.fail(f"unknown {kind} {printable(name)!r}; {did_you_mean(name, names)}")
 
     def fail(self, problem: str) -> Never:
-        """Say what is wrong, where.
+        """Report a problem and where in the rule it is.
 
         Raises:
-            ValueError: always.
+            ValueError: Always.
         """
         rest = self.text[self._at :].strip()
         where = f"at {printable(rest)[:60]!r}" if rest else "at the end"
         raise ValueError(f"{problem} ({where} of the rule {printable(self.text)[:200]!r})")
 
-    def _skip(self) -> None:
+    def _skip_blanks(self) -> None:
         while self._at < len(self.text) and self.text[self._at].isspace():
             self._at += 1
 
-    def _stands_here(self, name: str) -> bool:
-        if not name or name in WORDS or not self.text.startswith(name, self._at):
+    def _matches(self, name: str) -> bool:
+        if not name or name in KEYWORDS or not self.text.startswith(name, self._at):
             return False
-        return not (name[-1].isalnum() and _goes_on(self.text, self._at + len(name)))
+        return not (name[-1].isalnum() and _continues_word(self.text, self._at + len(name)))
 
 
-def _goes_on(text: str, at: int) -> bool:
+def _continues_word(text: str, at: int) -> bool:
     return at < len(text) and (text[at].isalnum() or text[at] == "_")

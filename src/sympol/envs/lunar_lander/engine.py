@@ -1,0 +1,140 @@
+"""The lunar landers as a `sympol.envs.capabilities.NativeEngine`.
+
+Nothing is imported or compiled before the first episode: Numba takes seconds.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
+from numpy import ndarray
+
+from ...types import Step
+from ..capabilities import TreeArrays
+from ..host import MissingExtra
+
+IDS = ("LunarLander-v3", "LunarLanderContinuous-v3")
+"""Environments that do the same as Gymnasium's to the bit (tests/parity/test_lunar_lander.py)."""
+
+
+def is_installed() -> bool:
+    """Return whether Numba can be imported, without importing it."""
+    return importlib.util.find_spec("numba") is not None
+
+
+class LunarLanderEngine:
+    """Machine code for both lunar landers; the form of the actions tells them apart. See `NativeEngine`."""
+
+    @property
+    def install_hint(self) -> str:
+        """See `NativeEngine.install_hint`."""
+        return "with Numba it trains faster: pip install 'sympol[box2d]'"
+
+    def is_installed(self) -> bool:
+        """See `NativeEngine.is_installed`."""
+        return is_installed()
+
+    def require_installed(self) -> None:
+        """See `NativeEngine.require_installed`."""
+        if not is_installed():
+            raise MissingExtra(
+                "backend 'native' needs Numba, which is not installed; install it: pip install 'sympol[box2d]', or use "
+                "backend='host'"
+            )
+
+    def make_envs(self, num_envs: int) -> NativeEnvs:
+        """See `NativeEngine.make_envs`."""
+        return NativeEnvs(num_envs)
+
+    def play(
+        self,
+        trees: TreeArrays,
+        actions: Shaped[ndarray, "trees nodes ..."],
+        tree_of: Int32[ndarray, " episodes"],
+        seeds: UInt64[ndarray, " episodes"],
+    ) -> tuple[Float64[ndarray, " episodes"], Int32[ndarray, " episodes"]]:
+        """See `NativeEngine.play`."""
+        from .flights import engines, fly
+
+        return fly(trees, engines(actions), tree_of, seeds)
+
+    def play_similar(
+        self,
+        trees: TreeArrays,
+        actions: Shaped[ndarray, "trees nodes ..."],
+        seeds: UInt64[ndarray, " episodes"],
+    ) -> tuple[Float64[ndarray, "trees episodes"], Int32[ndarray, "trees episodes"], int]:
+        """See `NativeEngine.play_similar`."""
+        from .flights import engines, fly_changed
+
+        return fly_changed(trees, engines(actions), seeds)
+
+    def observe(
+        self,
+        trees: TreeArrays,
+        actions: Shaped[ndarray, "trees nodes ..."],
+        seeds: UInt64[ndarray, " episodes"],
+    ) -> Float32[ndarray, "steps features"]:
+        """See `NativeEngine.observe`."""
+        from .flights import engines, watch
+
+        return watch(trees, engines(actions), seeds)
+
+
+ENGINE = LunarLanderEngine()
+
+
+class NativeEnvs:
+    """``num_envs`` landers, each restarted when its episode ends; see `sympol.envs.capabilities.VectorEnvs`."""
+
+    def __init__(self, num_envs: int):
+        self._num_envs, self._flights = num_envs, None
+
+    @property
+    def num_envs(self) -> int:
+        """Number of copies, E."""
+        return self._num_envs
+
+    @property
+    def was_cut(self) -> bool:
+        """False: the landers have a time limit of their own."""
+        return False
+
+    def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
+        """Start an episode in every copy, each with its own seed derived from this one.
+
+        Raises:
+            MissingExtra: Numba is not installed.
+        """
+        ENGINE.require_installed()
+        from .flights import Flights
+
+        self._flights = Flights(np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint64))
+        return self._flights.observation.copy()
+
+    def step(
+        self,
+        actions: Shaped[ndarray, "envs ..."],
+        wanted: Bool[ndarray, " envs"] | None = None,
+        max_steps: int | None = None,
+    ) -> tuple[Step, Float32[ndarray, "envs features"]]:
+        """Take one step in every copy, or in those ``wanted``; ``max_steps`` is ignored. See `VectorEnvs.step`."""
+        assert self._flights is not None, "reset() comes first"
+        from .flights import engines
+
+        every = np.ones(self.num_envs, bool) if wanted is None else wanted
+        moved = self._flights.step(engines(np.asarray(actions)), every)
+        step: Any = (
+            moved.observation,
+            moved.reward.astype(np.float32),
+            moved.terminated,
+            moved.truncated,
+        )  # NumPy's arrays, not JAX's
+        return Step(*step), self._flights.observation.copy()
+
+    def close(self) -> None:
+        """Release the copies."""
+        self._flights = None
