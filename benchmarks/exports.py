@@ -29,9 +29,9 @@ from rich.console import Console
 from rich.table import Table
 
 import sympol
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree
-from sympol.trees.export import check as trial
+from sympol.trees.export.check import run
 
 from .timing import ROOT, write
 
@@ -97,7 +97,7 @@ def each(act: Callable[[Any], Any], rows: Any, expected: np.ndarray) -> list[flo
 
 def whole(tree: DecisionTree, to: str, x: np.ndarray, expected: np.ndarray, **options: str) -> list[float]:
     """The same of a program that goes through all rows by itself; its first round warms it up."""
-    ran = trial.run(tree, to, x, rounds=ROUNDS + 1, **options)
+    ran = run(tree, to, x, rounds=ROUNDS + 1, **options)
     assert (ran.actions.ravel() == expected.ravel()).all()
     return [seconds / len(x) for seconds in ran.seconds[1:]]
 

@@ -17,8 +17,8 @@ import numpy as np
 
 import sympol
 from sympol.envs.host import EnvironmentFailure
-from sympol.runs.about import RunError
-from sympol.runs.folder import Run
+from sympol.runs.metadata import RunError
+from sympol.runs.run import Run
 from sympol.trees.export import FORMATS
 
 from .fuzz_ask import Broken

@@ -19,7 +19,7 @@ from typing import Any
 from PIL import Image
 
 from sympol.cli.app import main as sympol
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 
 from .timing import ROOT, write
 

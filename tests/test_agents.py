@@ -13,7 +13,7 @@ from sympol.agents import Report
 from sympol.algorithms.config import ConfigError
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment
-from sympol.runs.about import RunError
+from sympol.runs.metadata import RunError
 from sympol.runs.metrics import COLUMNS
 from sympol.trees import BoxActions, DiscreteActions, MultiDiscreteActions
 

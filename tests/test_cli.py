@@ -17,8 +17,8 @@ import sympol
 from sympol.algorithms.config import Config, applies
 from sympol.cli.commands import COMMANDS
 from sympol.cli.parse import parse_train
-from sympol.runs.folder import Run
 from sympol.runs.metrics import COLUMNS, TensorBoard
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 
 from .test_agents import Troubled
@@ -87,7 +87,7 @@ def test_a_run_s_folder(run):
     assert len(rows) == 1 + TINY["num_evals"]
     config = Run.open(run)
     assert config.config == agent().config
-    assert config.about["eval_episodes"] == 3
+    assert config.metadata["eval_episodes"] == 3
 
 
 def test_the_command_and_the_verbs_train_the_same_tree(run):
@@ -269,7 +269,7 @@ def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
         assert status_of("train", *words, "--gamma", "0.5", "--run-dir", tmp_path / str(i)) == 0
     expected = Config.from_dict({**preset("CartPole-v1", "paper"), "gamma": 0.5})
     assert [config for config, _ in seen] == [expected, expected]
-    assert seen[0][1].about["preset"] == "paper"
+    assert seen[0][1].metadata["preset"] == "paper"
 
 
 @pytest.mark.parametrize(
@@ -472,7 +472,7 @@ def test_a_name_stays_a_name_everywhere(tmp_path, monkeypatch, capsys):
     tree = DecisionTree.from_json((path / "policy.json").read_text())
     assert tree.feature_names == HOSTILE
     assert tree.actions.names == actions
-    assert Run.open(path).about["feature_names"] == list(HOSTILE)
+    assert Run.open(path).metadata["feature_names"] == list(HOSTILE)
     for feature in {f for f in tree.feature if f >= 0}:
         printed = "".join(
             c if c.isprintable() else c.encode("unicode_escape").decode() for c in HOSTILE[feature]

@@ -16,8 +16,8 @@ import pytest
 
 import sympol
 from sympol.distill import Teacher
-from sympol.runs.about import RunError
-from sympol.runs.folder import Run
+from sympol.runs.metadata import RunError
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 
 from .tiny import TINY, Chain, flags, quick_compiles, read_summary, refused, status_of

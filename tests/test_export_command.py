@@ -10,8 +10,7 @@ import pytest
 
 from sympol.cli.app import main
 from sympol.trees import DecisionTree
-from sympol.trees.export import FORMATS
-from sympol.trees.export import check as trial
+from sympol.trees.export import FORMATS, check, toolchain
 
 TREE = Path(__file__).parent / "golden" / "trees" / "trained_cartpole.json"
 
@@ -68,7 +67,7 @@ def test_options_reach_the_format(file, tree, capsys):
         (["--to", "c", "--style", "rococo"], "style must be ifs or table, got 'rococo'"),
         (["--to", "c", "--name", "my robot"], "got 'my robot'; try 'policy'"),
         (["--to", "svg", "--check"], "a picture takes no --style, --name or --check, and svg is one"),
-        (["--to", "text", "--check"], "what is exported to text cannot be tried here; python, c, rust"),
+        (["--to", "text", "--check"], "what is exported to text cannot be run here; python, c, rust"),
         (["--to", "sql", "--check"], "add --style sqlite"),
         (["--to", "c", "--out", "/proc/no/such.c"], "choose another --out"),
     ],
@@ -98,7 +97,7 @@ def test_a_check_runs_it(file, words, needed, capsys):
 
 
 def test_a_check_without_its_compiler_names_the_package(file, monkeypatch, capsys):
-    monkeypatch.setattr(trial.shutil, "which", lambda name: None)
+    monkeypatch.setattr(toolchain.shutil, "which", lambda name: None)
     for to, package in (("c", "gcc"), ("rust", "rustc"), ("javascript", "nodejs")):
         said = refused(capsys, file, "--to", to, "--check", status=1)
         assert f"install the distribution's package {package}" in said
@@ -106,9 +105,10 @@ def test_a_check_without_its_compiler_names_the_package(file, monkeypatch, capsy
 
 def test_a_check_that_finds_a_difference_fails(file, tmp_path, monkeypatch, capsys):
     def wrong(tree, to, x, **options):
-        return trial.Ran(np.where(x[:, :1] > 1e30, 1 - trial.expected(tree, x), trial.expected(tree, x)))
+        expected = check.expected_actions(tree, x)
+        return toolchain.Run(np.where(x[:, :1] > 1e30, 1 - expected, expected), ())
 
-    monkeypatch.setattr(trial, "run", wrong)
+    monkeypatch.setattr(check, "run", wrong)
     said = refused(capsys, file, "--to", "c", "--out", tmp_path / "policy.c", "--check", status=1)
     assert "c differs from the tree on " in said
     assert "of 100,000 observations, first on [" in said

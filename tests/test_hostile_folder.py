@@ -12,7 +12,7 @@ import pytest
 
 import sympol
 from sympol.cli.app import main
-from sympol.runs.about import RunError
+from sympol.runs.metadata import RunError
 
 MODULE = """
 import pathlib

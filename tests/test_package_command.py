@@ -12,7 +12,7 @@ import pytest
 from sympol.algorithms.config import Config
 from sympol.cli.app import main
 from sympol.envs.registry import resolve
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree, DiscreteActions
 
 

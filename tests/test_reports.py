@@ -22,7 +22,7 @@ from sympol.report import page as report
 from sympol.report.episodes import DRAWN, filmed
 from sympol.report.frames import MOST_BYTES, Frames, within_budget
 from sympol.report.page import _telling
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 
 from .tiny import TINY, refused

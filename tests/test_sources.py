@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sympol.cli.tree_io import spec_from, tree_from
-from sympol.runs.about import RunError
+from sympol.runs.metadata import RunError
 from sympol.trees import DecisionTree, DiscreteActions
 
 LISTING = "pole angle (rad) <= 0.02\n  yes: push left\n  no: push right\n"

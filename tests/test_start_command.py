@@ -13,7 +13,7 @@ import pytest
 import sympol
 from sympol import DecisionTree
 from sympol.cli.parse import parse_train
-from sympol.runs.about import RunError
+from sympol.runs.metadata import RunError
 from sympol.trees.edit import graft
 
 from .algorithms.test_start import RIGHT, TREE, hand_written

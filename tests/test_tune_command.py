@@ -15,7 +15,7 @@ import sympol
 from sympol.algorithms.config import ConfigError
 from sympol.algorithms.presets import preset
 from sympol.cli.parse import parse_train
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.tune import study as module
 from sympol.tune.report import best_trials, save_preset
 from sympol.tune.study import open_study, search_of

@@ -24,7 +24,7 @@ from sympol.film import files, record
 from sympol.film import frame_layout as screen
 from sympol.film.rendering import rendering
 from sympol.play import play
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree, DiscreteActions
 from sympol.trees.plot_paths import Ways
 

@@ -31,8 +31,8 @@ from .play import draw, fitted_actions
 from .policies.actor import Actor
 from .policies.extract import extract_tree
 from .policies.tree import Tree
-from .runs.folder import Run
 from .runs.progress import ProgressBar
+from .runs.run import Run
 from .search.masking import open_tree
 from .search.size_limit import has_limit, is_due, moment, shaped, within
 from .trees import DecisionTree, Group
@@ -408,7 +408,7 @@ def load_run(run: Run) -> Agent:
     """Return the agent of a run that is open; see `load`."""
     run.require_training()
     agent = agent_of(run.resolve_env(), run.config, run.seed, run.load_start())
-    agent.preset = run.about["preset"]
+    agent.preset = run.metadata["preset"]
     here = replace(agent.config, num_devices=1)  # to read it, a machine need not have as many as trained it
     trainer = make_trainer(agent.spec, here, agent.seed, agent.start)
     try:

@@ -12,8 +12,8 @@ from .agents import Agent, Callback, Report, load_run
 from .algorithms.config import SIZE_LIMITS
 from .play import FEW, Episodes
 from .provenance import versions
-from .runs.folder import Run
 from .runs.progress import decimals
+from .runs.run import Run
 from .teachers import has_soft_tree, keep_soft_tree
 
 
@@ -77,7 +77,7 @@ def finish(
     elif has_soft_tree(agent):
         with run.writing():
             summary |= keep_soft_tree(agent, run.path, None if tested is None else tested.observations)
-    return summary | {"preset": run.about["preset"], "run_dir": str(run.path), "versions": versions()}
+    return summary | {"preset": run.metadata["preset"], "run_dir": str(run.path), "versions": versions()}
 
 
 WORSE, BETTER = 0.4, 0.8

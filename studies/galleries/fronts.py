@@ -21,7 +21,7 @@ from typing import Any
 from sympol import files
 from sympol.results.json_io import dumps
 from sympol.results.seeds import require_training_seed
-from sympol.runs.about import file_name
+from sympol.runs.metadata import file_name
 from sympol.search.front.aggregate import require_one_task
 from sympol.search.front.config import SHARES
 from sympol.search.front.files import fields_of, front_from, point_fields, read_json

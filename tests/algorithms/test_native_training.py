@@ -14,7 +14,7 @@ from sympol.algorithms.train_host import HostTrainer
 from sympol.envs.lunar_lander import engine
 from sympol.envs.registry import MissingExtra, resolve
 from sympol.policies.distributions import distribution_of
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from tests.algorithms.test_host_training import assert_same_bits, train
 from tests.tiny import TINY, agent, flags, quick_compiles, status_of
 
@@ -92,7 +92,7 @@ def test_the_output_and_the_folder_say_how(tmp_path, capsys, monkeypatch):
         run = tmp_path / f"run{installed}"
         assert status_of("train", TASK, "--eval-episodes", "1", *flags(), "--run-dir", run) == 0
         assert how in " ".join(capsys.readouterr().err.split())
-        assert Run.open(run).about["backend"] == ("native" if installed else "host")
+        assert Run.open(run).metadata["backend"] == ("native" if installed else "host")
 
 
 def test_where_numba_is_missing_a_run_can_be_read_but_not_continued(tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ import pytest
 from sympol.algorithms.config import Config
 from sympol.envs.registry import resolve
 from sympol.report import page as report
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 
 from .looking import Tab

@@ -11,7 +11,7 @@ import pytest
 from sympol.algorithms.config import Config
 from sympol.envs.registry import resolve
 from sympol.report import compare
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 
 from .looking import near, pixels, shown

@@ -21,7 +21,7 @@ from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment, resolve
 from sympol.envs.spec import OneCopy
 from sympol.play import episode_seed
-from sympol.runs.about import RunError
+from sympol.runs.metadata import RunError
 from sympol.trees import DecisionTree
 
 pytestmark = [  # some are meant to be warned of

@@ -14,9 +14,9 @@ import pytest
 
 import sympol
 from sympol.runs import checkpoint
-from sympol.runs.about import RunError
-from sympol.runs.folder import Run
+from sympol.runs.metadata import RunError
 from sympol.runs.metrics import COLUMNS, MetricsFile
+from sympol.runs.run import Run
 
 from ..tiny import TRAIN, agent, csv_without_time, quick_compiles, refused, status_of
 
@@ -48,12 +48,12 @@ def flip(file: Path) -> None:
 def test_a_damaged_checkpoint_is_noticed_and_the_one_before_used(run, finished, damage, capsys):
     damage(newest(run)[0])
     before = int(newest(run)[-1].stem)
-    with pytest.warns(checkpoint.DamagedCheckpoint, match="damaged checkpoint passed over: "):
+    with pytest.warns(checkpoint.DamagedCheckpoint, match="damaged checkpoint skipped: "):
         assert sympol.load(run).num_timesteps == before
     capsys.readouterr()
     assert status_of("resume", run) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0].startswith("warning: damaged checkpoint passed over: 00000000")
+    assert lines[0].startswith("warning: damaged checkpoint skipped: 00000000")
     assert lines[1] == f"resuming at step {before:,} of 2,048"
     for file in ("policy.json", "policy.py", "tree.txt"):
         assert (run / file).read_bytes() == (finished / file).read_bytes()
@@ -264,8 +264,8 @@ def test_a_name_is_only_a_name_in_the_config(tmp_path):
     names = ("a\nb", 'c" = 1', "[run]", "\\ud \U0001f600 ü")
     run = Run.create(tmp_path / "run", agent(feature_names=names).spec, agent().config, 0)
     again = Run.open(run.path)
-    assert again.about["feature_names"] == list(names)
-    assert again.about["feature_names"] == run.about["feature_names"]
+    assert again.metadata["feature_names"] == list(names)
+    assert again.metadata["feature_names"] == run.metadata["feature_names"]
 
 
 def test_a_name_that_is_no_text_is_refused(tmp_path):

@@ -17,9 +17,9 @@ import pytest
 
 import sympol
 from sympol import files
-from sympol.runs.about import RunError
-from sympol.runs.folder import Run
 from sympol.runs.lock import LOCK, FolderLock, exclusive
+from sympol.runs.metadata import RunError
+from sympol.runs.run import Run
 
 from ..tiny import TRAIN, agent, csv_without_time, quick_compiles, refused, status_of
 
@@ -28,7 +28,7 @@ __all__ = ["quick_compiles"]
 HOLD = """
 import sys, time
 from pathlib import Path
-from sympol.runs.folder import Run
+from sympol.runs.run import Run
 run = Run.open(Path(sys.argv[1]))
 run.take()
 print("held", flush=True)

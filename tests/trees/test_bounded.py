@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from sympol.cli.tree_io import tree_from
-from sympol.runs.about import RunError
+from sympol.runs.metadata import RunError
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
 from sympol.trees.coverage import nodes_met
 from sympol.trees.diff import diff

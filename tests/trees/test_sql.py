@@ -56,10 +56,10 @@ def answered(database: Any, query: str, n: int) -> np.ndarray:
     ],
 )
 def test_postgresql_acts_as_the_tree_does(database, name, kind):
-    from sympol.trees.export.check import trial_observations
+    from sympol.trees.export.check import check_observations
 
     tree = trees()[name]
-    x = trial_observations(tree, 12_000)
+    x = check_observations(tree, 12_000)
     columns = [f"c{i}" for i in range(tree.n_features)]
     fill(database, columns, x, kind)
     acted = answered(database, to_sql(tree, columns=columns), tree.n_features)

@@ -11,7 +11,7 @@ from .. import files
 from ..bounded import parse_json
 from ..parallel import Task
 from ..results.seeds import require_training_seed
-from ..runs.about import file_name
+from ..runs.metadata import file_name
 from .method_specs import Settings, config_of, import_all, own, register_method, same_config, teacher_cell
 from .methods import RUNTIME_VARIANTS
 from .record import Cell

@@ -15,9 +15,9 @@ from ..parallel.task import resolve
 from ..play import Episodes, Purpose, play
 from ..provenance import versions
 from ..results.json_io import plain
-from ..runs.about import RunError
-from ..runs.folder import Run
 from ..runs.lock import one_at_a_time
+from ..runs.metadata import RunError
+from ..runs.run import Run
 from ..teachers import discretize_agent, teacher_of
 from ..training import finish, go_on, has_run, keep_in, training_seconds
 from ..trees import DecisionTree
@@ -80,7 +80,9 @@ def _left(unit: Unit, wanted: Agent) -> tuple[Agent, Run] | None:
     try:
         run = Run.open(unit.folder)
         same = (
-            run.about["env"] == wanted.spec.name and run.seed == wanted.seed and run.config == wanted.config
+            run.metadata["env"] == wanted.spec.name
+            and run.seed == wanted.seed
+            and run.config == wanted.config
         )
         return (go_on(run), run) if same else None
     except RunError:

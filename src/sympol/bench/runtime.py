@@ -14,8 +14,8 @@ from ..agents import Agent, Report
 from ..algorithms.metrics import metrics_of, require_finite
 from ..algorithms.train import make_trainer, stops
 from ..compilation import use_disk_cache
-from ..runs.folder import Run
 from ..runs.lock import one_at_a_time
+from ..runs.run import Run
 from ..training import keep_in
 from .jobs import Result, units_of
 from .method_specs import agent_for

@@ -27,9 +27,9 @@ from rich.segment import Segment
 from ..envs.host import EnvironmentFailure
 from ..interrupts import interrupts
 from ..parallel import TasksFailed
-from ..runs.about import RunError, WriteError
-from ..runs.folder import Run
+from ..runs.metadata import RunError, WriteError
 from ..runs.progress import decimals
+from ..runs.run import Run
 from ..trees.floats import printable
 
 

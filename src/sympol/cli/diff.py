@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ..envs.spec import EnvSpec
 from ..play import play
-from ..runs.about import RunError
+from ..runs.metadata import RunError
 from ..trees import DecisionTree
 from ..trees.diff import diff as tell_apart
 from .arguments import Folder, PlaysRun

@@ -21,8 +21,9 @@ from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
 from ..play import play
 from ..provenance import versions
-from ..runs.about import RunError, file_name
-from ..runs.folder import Run, require_free
+from ..runs.clearing import require_free
+from ..runs.metadata import RunError, file_name
+from ..runs.run import Run
 from ..teachers import ALL_METHODS, DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
@@ -91,7 +92,7 @@ def find_teacher(given: Distill) -> tuple[Any, Teacher]:
     if path.is_dir():
         spec = None if given.env is None else _spec(given)
         run = Run.open(path, trust=given.trust)
-        agent = load_run(run if spec is None or not run.about["not_kept"] else Run.open(path, spec))
+        agent = load_run(run if spec is None or not run.metadata["not_kept"] else Run.open(path, spec))
         if agent.num_timesteps < agent.config.total_timesteps:
             raise RunError(
                 f"{path} is not finished ({agent.num_timesteps:,} of {agent.config.total_timesteps:,} steps); finish "
@@ -193,7 +194,7 @@ def _finish(
         "nodes_unpruned": full.n_nodes,
         "leaves": tree.n_leaves,
         "depth": tree.depth,
-        "distilled": run.about["distilled"],
+        "distilled": run.metadata["distilled"],
         "run_dir": str(run.path),
         "versions": versions(),
     }

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import tyro
 
 from .. import files
-from ..runs.about import RunError
-from ..runs.folder import Run
+from ..runs.metadata import RunError
+from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.export import FORMATS, SUFFIXES, canonical, format_of
 from .arguments import Folder, PlaysRun
@@ -29,7 +29,8 @@ PACKAGE = "package"
 _FOREIGN = (".jpg", ".jpeg", ".gif", ".webp", ".bmp", ".tif", ".tiff", ".eps", ".html", ".htm", ".zip")
 """Suffixes that promise what no export writes."""
 OBSERVATIONS = 100_000
-"""What ``--check`` tries."""
+"""The observations of ``--check``."""
+STYLES = ", ".join(f"{name} {'|'.join(form.styles)}" for name, form in FORMATS.items() if form.styles)
 
 Write: TypeAlias = Callable[[Path], object]
 
@@ -51,8 +52,7 @@ class Export(PlaysRun):
     """Where to; by default texts go to the standard output, pictures and models to RUN/tree.SUFFIX. Of a package the
     folder."""
 
-    style: str | None = None
-    """Of C and JavaScript ifs or table; of SQL postgresql or sqlite."""
+    style: Annotated[str | None, tyro.conf.arg(help=f"How a program is written; {STYLES}.")] = None
 
     name: str | None = None
     """What the names in C begin with, and what an ONNX graph is called; policy by default. Of a package its name, by
@@ -155,25 +155,15 @@ def _soft_form(view: SoftView, given: Export) -> tuple[str | None, Write]:
 
 
 def _check(tree: DecisionTree, to: str, options: Mapping[str, Any]) -> None:
-    """Run what is exported on observations that can tell it from the tree, and say so; end where it differs."""
-    from ..trees.export.check import expected, run, trial_observations
+    """Check the export here and say so; end the command where it fails."""
+    from ..trees.export.check import check
 
-    if options.get("style") == "postgresql" or (to == "sql" and "style" not in options):
-        raise ValueError("--check has no PostgreSQL to run a query; add --style sqlite")
-    x = trial_observations(tree, OBSERVATIONS)
-    # the name is checked by the export; what is tried is called as the driver calls it
-    options = {key: value for key, value in options.items() if key != "name"}
     try:
-        different = (run(tree, to, x, **options).actions != expected(tree, x)).any(axis=1)
-        if different.any():
-            raise RuntimeError(
-                f"{to} differs from the tree on {different.sum():,} of {len(x):,} observations, first on "
-                f"{x[different.argmax()].tolist()}; please report this"
-            )
+        check(tree, to, OBSERVATIONS, **options)
     except RuntimeError as error:
         print_error(error)
         raise SystemExit(1) from None
-    err.print(f"checked: acts as the tree does on {len(x):,} observations", markup=False)
+    err.print(f"checked: acts as the tree does on {OBSERVATIONS:,} observations", markup=False)
 
 
 def _put(given: Export, written: str | bytes | None, draw: Write) -> None:

@@ -18,8 +18,8 @@ from ..envs.host import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..interrupts import interrupts, say
 from ..play import Episodes, play
-from ..runs.folder import Run
 from ..runs.metrics import TensorBoard
+from ..runs.run import Run
 from ..training import finish, keep_in
 from .console import err, out, print_error, print_next, print_stopped, warnings_in_one_line, words_of
 

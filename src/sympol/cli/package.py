@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from .. import files
-from ..runs.about import RunError
-from ..runs.folder import Run
+from ..runs.metadata import RunError
+from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.export.package import to_package
 from .console import err
@@ -48,7 +48,7 @@ def _tree(source: Path) -> DecisionTree:
     tree = tree_from(source)
     if not source.is_dir():
         return tree
-    about = Run.open(source).about
+    about = Run.open(source).metadata
     return replace(
         tree,
         meta={**tree.meta, **{key: about[key] for key in _SAID if about.get(key) not in (None, {}, [], "")}},

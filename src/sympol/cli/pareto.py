@@ -14,8 +14,8 @@ import tyro
 
 from ..envs.registry import resolve
 from ..interrupts import interrupts
-from ..runs.about import RunError, file_name
 from ..runs.lock import exclusive
+from ..runs.metadata import RunError, file_name
 from ..search.front.config import SHARES, Plan
 from ..search.front.files import fields_of, point_fields
 from ..search.front.front import Front

@@ -13,8 +13,8 @@ from rich.markup import escape
 from .. import files
 from ..report import compare as compare_runs
 from ..report import report as report_run
-from ..runs.about import RunError
-from ..runs.folder import Run
+from ..runs.metadata import RunError
+from ..runs.run import Run
 from .arguments import Folder, PlaysRun
 from .console import err, one_line_errors
 from .parse import parse

@@ -13,9 +13,9 @@ from ..distill.soft_text import soft_text
 from ..distill.soft_view import SoftView
 from ..evaluate import evaluate_policy
 from ..report import policy_of
-from ..runs.about import RunError
-from ..runs.folder import Run
+from ..runs.metadata import RunError
 from ..runs.progress import decimals
+from ..runs.run import Run
 from ..teachers import kept_soft_view
 from .arguments import Eval, Show
 from .console import one_line_errors, out, words_of

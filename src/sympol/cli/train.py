@@ -12,10 +12,10 @@ from ..agents import Agent, agent_of, load_run
 from ..algorithms.config import SIZE_LIMITS
 from ..algorithms.memory import require_memory
 from ..envs.registry import resolve
-from ..runs.about import RunError, file_name
 from ..runs.checkpoint import DamagedCheckpoint
-from ..runs.folder import Run
+from ..runs.metadata import RunError, file_name
 from ..runs.metrics import SetAside, TensorBoard
+from ..runs.run import Run
 from ..training import go_on
 from .arguments import Resume, Train
 from .console import err, one_line_errors, print_warning
@@ -66,7 +66,7 @@ def _same_run(given: Train, agent: Agent) -> Run:
     if given.run_dir is None or given.overwrite:
         raise RunError("--resume needs the folder to go on in, as --run-dir, and cannot go with --overwrite")
     run = Run.open(given.run_dir)
-    about = run.about
+    about = run.metadata
     made = agent.spec.origin.to_dict()
     was = {
         "env": about["env"],
@@ -107,7 +107,7 @@ def _continue(run: Run, eval_episodes: int | None, as_json: bool) -> int:
             print_warning(warning.message)
         err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")
         tensorboard = (run.path / "tensorboard").is_dir()
-        episodes = run.about["eval_episodes"] if eval_episodes is None else eval_episodes
+        episodes = run.metadata["eval_episodes"] if eval_episodes is None else eval_episodes
         return learn(agent, run, episodes, as_json, tensorboard=tensorboard)
 
 

@@ -8,8 +8,8 @@ from .. import files
 from ..envs.origin import Origin
 from ..envs.registry import UnknownEnvironment, resolve
 from ..envs.spec import EnvSpec
-from ..runs.about import CONFIG, RunError, require_no_import
-from ..runs.folder import Run
+from ..runs.metadata import CONFIG, RunError, require_no_import
+from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.text_parser import FENCE, parse_document
 from .arguments import PlaysRun

@@ -12,7 +12,7 @@ from rich.table import Table as Shown
 
 from ..parallel import Failure
 from ..results.seeds import SEARCH
-from ..runs.about import file_name
+from ..runs.metadata import file_name
 from ..runs.progress import decimals
 from ..threads import use_one_thread
 from ..tune.report import (

@@ -13,7 +13,7 @@ import tyro
 from rich.text import Text
 
 from ..play import play
-from ..runs.about import RunError
+from ..runs.metadata import RunError
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from ..trees.floats import printable, shortest

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ..algorithms.warm_start import Start, start_of
 from ..envs.spec import EnvSpec
-from ..runs.about import CONFIG, RunError
-from ..runs.folder import Run
+from ..runs.metadata import CONFIG, RunError
+from ..runs.run import Run
 from .arguments import Train
 from .tree_io import tree_from
 

@@ -8,8 +8,8 @@ from rich.markup import escape
 
 from ..evaluate import watch as make_film
 from ..report import policy_of
-from ..runs.about import RunError
-from ..runs.folder import Run
+from ..runs.metadata import RunError
+from ..runs.run import Run
 from .arguments import Watch
 from .console import err, one_line_errors, out
 from .parse import parse

@@ -26,8 +26,9 @@ from .jax_env import kept_to_protocol, time_limit
 from .lunar_lander import engine as lander
 from .mountain_car import MountainCar, MountainCarContinuous
 from .names import NAMES, known_names
-from .origin import Origin, Wrapping, copier, describe, wrap
+from .origin import Origin, Wrapping
 from .pendulum import Pendulum
+from .remake import copier, describe, wrap
 from .spaces import Features, action_spec, require_spaces
 from .spec import Backend, EnvSpec, HostFactory, no_copies, not_listed
 

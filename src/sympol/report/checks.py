@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..runs.folder import Run
+from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.floats import printable
 from ..trees.report import packed

@@ -10,8 +10,8 @@ import jax
 from ..agents import Agent
 from ..envs.spec import EnvSpec
 from ..play import episode_seed, play
-from ..runs.about import RunError
-from ..runs.folder import Run
+from ..runs.metadata import RunError
+from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.floats import printable
 from ..trees.report import policy_data, write_page
@@ -74,7 +74,7 @@ def compare(
 
 def _require_one_environment(runs: Sequence[Run]) -> None:
     parts = ("env", "env_kwargs", "wrappers", "not_kept")
-    first, *others = [tuple(run.about[part] for part in parts) for run in runs]
+    first, *others = [tuple(run.metadata[part] for part in parts) for run in runs]
     for run, other in zip(runs[1:], others, strict=True):
         if other != first:
             raise RunError(

@@ -12,7 +12,7 @@ import tomli_w
 
 from ..envs.spec import EnvSpec
 from ..play import Episodes, episode_seed, play
-from ..runs.folder import Run
+from ..runs.run import Run
 from ..trees.floats import printable
 from ..trees.report import policy_data, programs_data, size_facts, write_page
 from .checks import checks_data, properties_of
@@ -137,7 +137,7 @@ def _curve(run: Run) -> list[dict[str, Any]] | None:
 
 
 def _provenance(run: Run, spec: EnvSpec, summary: dict[str, Any], tests: dict[str, Any]) -> list[list[str]]:
-    about = run.about
+    about = run.metadata
     rows = [["environment", spec.name]]
     made_with = [*(f"{k}={v}" for k, v in spec.env_kwargs.items()), *(w.name for w in spec.wrappers)]
     rows += [["made with", ", ".join(made_with)]] if made_with else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..agents import Agent, load_run
-from ..runs.folder import Run
+from ..runs.run import Run
 from ..trees import DecisionTree
 
 

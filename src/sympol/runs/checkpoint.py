@@ -2,7 +2,7 @@
 
 `save` writes the arrays, then a small JSON, the seal, that holds their SHA-256, each whole or not at all
 (`sympol.files`). Without a seal that fits, a checkpoint does not exist; the one before is kept for that. Files of other
-names are left alone. Nothing is ever unpickled.
+names are left alone. Nothing is ever unpickled. JAX is imported only where arrays are read or written.
 """
 
 from __future__ import annotations
@@ -16,12 +16,7 @@ import warnings
 from pathlib import Path
 from typing import Any, TypeVar
 
-import jax
 import numpy as np
-from jax.experimental import multihost_utils
-from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
-from safetensors.numpy import save as save_tensors
 
 from .. import files
 from ..bounded import parse_json
@@ -45,9 +40,19 @@ class DamagedCheckpoint(UserWarning):
 def save(folder: Path, state: Any, timestep: int) -> Path:
     """Write a checkpoint, and remove all earlier ones but the newest.
 
+    Args:
+        folder: The folder of the checkpoints, made if necessary.
+        state: A pytree of arrays.
+        timestep: The environment steps so far, by which checkpoints are ordered.
+
+    Returns:
+        The file with the arrays.
+
     Raises:
-        OSError: it cannot be written.
+        OSError: It cannot be written.
     """
+    from safetensors.numpy import save as save_tensors
+
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {name: np.array(leaf, order="C") for name, leaf in _named_leaves(state)}
     content = save_tensors(tensors)
@@ -61,7 +66,7 @@ def save(folder: Path, state: Any, timestep: int) -> Path:
 
 
 def has_checkpoints(folder: Path) -> bool:
-    """Whether any was ever finished, be it damaged now."""
+    """Return whether any checkpoint was ever finished, be it damaged now."""
     return bool(_seals(folder))
 
 
@@ -78,10 +83,20 @@ def remove_all(folder: Path) -> None:
 
 
 def load_latest(folder: Path, like: State) -> tuple[State, int]:
-    """The newest checkpoint that is whole, in the shape of ``like``, and its timestep.
+    """Read the newest checkpoint that is whole; truncated or edited ones are skipped with a warning.
 
-    A truncated or edited one is passed over with a warning. Raises CheckpointError if none is left.
+    Args:
+        folder: The folder of the checkpoints.
+        like: A pytree of arrays, or of their shapes, of the form of the state.
+
+    Returns:
+        The state, and its environment steps.
+
+    Raises:
+        CheckpointError: None is whole.
     """
+    from safetensors import SafetensorError
+
     problems = []
     for seal in reversed(_seals(folder)):
         try:
@@ -90,7 +105,7 @@ def load_latest(folder: Path, like: State) -> tuple[State, int]:
             problems.append(f"{seal.with_suffix('.safetensors').name}: {error}")
             continue
         if problems:
-            message = f"damaged checkpoint passed over: {'; '.join(problems)}"
+            message = f"damaged checkpoint skipped: {'; '.join(problems)}"
             warnings.warn(message, DamagedCheckpoint, stacklevel=2)
         return state, timestep
     detail = f": {'; '.join(problems)}" if problems else ""
@@ -98,7 +113,7 @@ def load_latest(folder: Path, like: State) -> tuple[State, int]:
 
 
 def _seals(folder: Path) -> list[Path]:
-    """The JSON files that are named as checkpoints are, oldest first; whatever else is there is somebody else's."""
+    """Return the seals of all checkpoints, oldest first; files of other names are not ours."""
     try:
         names = os.listdir(folder)
     except (FileNotFoundError, NotADirectoryError):
@@ -116,7 +131,7 @@ def _remove(seal: Path) -> None:
 
 
 def _is_ours(seal: Path) -> bool:
-    """Whether this is a checkpoint's seal, and not only named like one."""
+    """Return whether a file is a checkpoint's seal, and not only named like one."""
     try:
         return _read_seal(seal)[0] == int(seal.stem)
     except (OSError, ValueError):
@@ -134,6 +149,9 @@ def _read_seal(path: Path) -> tuple[int, str]:
 
 
 def _load(seal_path: Path, like: State) -> tuple[State, int]:
+    import jax
+    from safetensors.numpy import load as load_tensors
+
     timestep, checksum = _read_seal(seal_path)
     named = jax.tree_util.tree_flatten_with_path(like)[0]  # arrays, or only their shapes
     most = _MOST_SEAL + sum(int(leaf.size) * leaf.dtype.itemsize + _MOST_SEAL for _, leaf in named)
@@ -154,12 +172,18 @@ def _load(seal_path: Path, like: State) -> tuple[State, int]:
 
 
 def _named_leaves(state: Any) -> list[tuple[str, np.ndarray]]:
+    import jax
+
     leaves, _ = jax.tree_util.tree_flatten_with_path(state)
     return [(jax.tree_util.keystr(path), _on_host(leaf)) for path, leaf in leaves]
 
 
 def _on_host(leaf: Any) -> np.ndarray:
-    """All of an array; what lies with other processes is fetched, so that each of them must be saving, too."""
+    """Return a whole array; parts on other processes are fetched, so that each of them must be saving, too."""
+    import jax
+
     if isinstance(leaf, jax.Array) and not (leaf.is_fully_addressable or leaf.is_fully_replicated):
+        from jax.experimental import multihost_utils
+
         leaf = multihost_utils.process_allgather(leaf, tiled=True)
     return np.asarray(leaf)

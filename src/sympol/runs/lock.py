@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Self
 
 from ..files import NO_LINK
-from .about import RunError
+from .metadata import RunError
 
 LOCK = ".sympol.lock"
 """Its name in a run's folder, which has one only while it is written, or after its writer was killed."""

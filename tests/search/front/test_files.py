@@ -11,8 +11,8 @@ import pytest
 from sympol.envs.registry import resolve
 from sympol.evaluate import evaluate_policy
 from sympol.play import play
-from sympol.runs.about import RunError
-from sympol.runs.folder import Run
+from sympol.runs.metadata import RunError
+from sympol.runs.run import Run
 from sympol.search.front.files import place
 from sympol.search.front.front import Candidate, Front, FrontError, Point
 from sympol.trees import DecisionTree

@@ -20,8 +20,8 @@ from sympol.cli.app import main
 from sympol.distill import Teacher
 from sympol.envs.registry import resolve
 from sympol.play import play
-from sympol.runs.about import RunError
 from sympol.runs.lock import Busy, exclusive
+from sympol.runs.metadata import RunError
 from sympol.search.front.candidates import FILE, Found, keep, kept
 from sympol.search.front.config import Plan
 from sympol.search.front.distillation_method import warn_of_poor_teacher

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group, MultiDiscreteActions
-from sympol.trees.export import check as trial
+from sympol.trees.export import FORMATS
+from sympol.trees.export.check import run
 
 from ..samples import ACTIONS, HOSTILE_NAMES, chain, random_grouped_tree, random_tree, telling_observations
 
+RUNNABLE = [to for to, form in FORMATS.items() if form.runner]
 PROGRAMS: list[tuple[str, dict[str, str]]] = [
     ("python", {}),
     ("c", {"style": "ifs"}),
@@ -22,7 +24,7 @@ PROGRAMS: list[tuple[str, dict[str, str]]] = [
     ("rust", {}),
     ("javascript", {"style": "ifs"}),
     ("javascript", {"style": "table"}),
-    ("sql", {}),
+    ("sql", {"style": "sqlite"}),
     ("onnx", {}),
     ("treelite", {}),
 ]
@@ -69,7 +71,7 @@ def seen(name: str) -> tuple[np.ndarray, np.ndarray]:
 def ran(tree: DecisionTree, to: str, x: np.ndarray, **options: Any) -> np.ndarray:
     """Run a program, or skip where its compiler is not there."""
     try:
-        return trial.run(tree, to, x, **options).actions
+        return run(tree, to, x, **options).actions
     except FileNotFoundError as error:
         pytest.skip(str(error))
 

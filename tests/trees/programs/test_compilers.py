@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sympol import DecisionTree
-from sympol.trees.export import check as trial
+from sympol.trees.export import c, rust
+from sympol.trees.export.check import check_observations
 from sympol.trees.floats import double_threshold
 
 from ..samples import consistent
@@ -37,7 +38,7 @@ def test_c_compiles_everywhere(strange, tmp_path, compiler, package, flags, styl
         (tmp_path / f"user{i}.c").write_text(user)
     files = [f"user{j}.c" for j in range(i + 1)]
     done = subprocess.run(
-        [compiler, *trial.STRICT_C, *flags, "-c", *files],
+        [compiler, *c.STRICT, *flags, "-c", *files],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -80,7 +81,7 @@ def test_rust_is_a_crate_of_its_own_without_std(strange, tmp_path):
     compiler = shutil.which("rustc") or pytest.skip("install the distribution's package rustc")
     for tree in (*strange, trees()["grouped box"], trees()["leaf"]):
         (tmp_path / "policy.rs").write_text(tree.export("rust"))
-        command = [compiler, *trial.STRICT_RUST, "--crate-type", "rlib", "--emit", "metadata", "policy.rs"]
+        command = [compiler, *rust.STRICT, "--crate-type", "rlib", "--emit", "metadata", "policy.rs"]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
 
@@ -88,7 +89,7 @@ def test_rust_is_a_crate_of_its_own_without_std(strange, tmp_path):
 def odd_groups(tree: DecisionTree) -> tuple[np.ndarray, np.ndarray]:
     """Observations whose groups are nearly one-hot, and whether the tree accepts each."""
     rng = np.random.default_rng(25)
-    x = consistent(tree, trial.trial_observations(tree, 4000))
+    x = consistent(tree, check_observations(tree, 4000))
     grouped = [feature for group in tree.groups for feature in group.features]
     odd = np.array([0, -0.0, 1, 1 + 2**-23, 1e-39, -1e-39, 1.2e-38, -1, 2, np.nan, np.inf], np.float32)
     changed = np.where(rng.random(x.shape) < 0.1, rng.choice(odd, x.shape), x)
@@ -110,8 +111,8 @@ def test_c_and_rust_say_what_the_tree_accepts(tmp_path):
     assert 0.1 < accepted.mean() < 0.9
     n = tree.n_features
     for compiler, file, source in (
-        ([shutil.which("cc"), *trial.STRICT_C], "main.c", _C_VALID.format(n=n)),
-        ([shutil.which("rustc"), *trial.STRICT_RUST, "-A", "dead_code", "-A", "unused_attributes"], "main.rs",
+        ([shutil.which("cc"), *c.STRICT], "main.c", _C_VALID.format(n=n)),
+        ([shutil.which("rustc"), *rust.STRICT, "-A", "dead_code", "-A", "unused_attributes"], "main.rs",
          _RUST_VALID.format(n=n)),
     ):  # fmt: skip
         if compiler[0] is None:

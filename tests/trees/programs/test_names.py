@@ -13,8 +13,8 @@ import pytest
 
 from sympol import DecisionTree
 from sympol.trees import MultiDiscreteActions
-from sympol.trees.export import check as trial
 from sympol.trees.export import common
+from sympol.trees.export.check import check_observations
 
 from .running import IDS, PROGRAMS, STRANGE, ran, same
 
@@ -22,7 +22,7 @@ from .running import IDS, PROGRAMS, STRANGE, ran, same
 @pytest.mark.parametrize(("to", "options"), PROGRAMS, ids=IDS)
 def test_it_runs_whatever_things_are_called(strange, to, options):
     for tree in strange:
-        x = trial.trial_observations(tree, 2000)
+        x = check_observations(tree, 2000)
         assert same(ran(tree, to, x, **options), tree.predict(x).reshape(len(x), -1), to)
 
 
@@ -84,7 +84,7 @@ def test_the_program_stands_in_a_page_whatever_things_are_called(strange):
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("dialog", lambda dialog: said.append("a name became a program"))
         for tree in strange:
-            x = trial.trial_observations(tree, 200)
+            x = check_observations(tree, 200)
             x = x[np.isfinite(x).all(axis=1)]
             script = f"{tree.export('javascript')}\nwindow.acted = {x.tolist()}.map(act).flat();"
             page.set_content(f"<script type=module>{script}</script><p>the end</p>")

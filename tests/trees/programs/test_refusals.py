@@ -9,19 +9,19 @@ import pytest
 
 from sympol import DecisionTree
 from sympol.trees import BoxActions, DiscreteActions
-from sympol.trees.export import FORMATS
-from sympol.trees.export import check as trial
+from sympol.trees.export import FORMATS, c, toolchain
+from sympol.trees.export.check import run
 
-from .running import ran, trees, with_start
+from .running import RUNNABLE, ran, trees, with_start
 
 
 def test_a_program_that_does_not_end_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr(trial, "TIMEOUT", 0.2)
+    monkeypatch.setattr(toolchain, "TIMEOUT", 0.2)
     with pytest.raises(RuntimeError, match=r"python.* did not end in 0\.2 seconds"):
-        trial.call([sys.executable, "-c", "while True: pass"], tmp_path)
+        toolchain.call([sys.executable, "-c", "while True: pass"], tmp_path)
 
 
-@pytest.mark.parametrize("to", [to for to in trial.RUNS if to != "treelite"])
+@pytest.mark.parametrize("to", [to for to in RUNNABLE if to != "treelite"])
 def test_actions_too_large_are_refused(to):
     with pytest.raises(ValueError, match=r"2\^53"):
         with_start(2**53).export(to)
@@ -71,20 +71,20 @@ def test_every_format_writes_what_it_says():
         assert form.suffix.startswith(".")
 
 
-@pytest.mark.parametrize("to", list(trial.RUNS))
+@pytest.mark.parametrize("to", RUNNABLE)
 def test_a_tree_without_features_is_not_tried(to):
     tree = DecisionTree.from_complete(np.zeros(0, int), np.zeros(0), np.eye(1, 2), actions=DiscreteActions(2))
     assert tree.export(to)
     with pytest.raises(ValueError, match="without features"):
-        trial.run(tree, to, np.zeros((3, 0), np.float32))
+        run(tree, to, np.zeros((3, 0), np.float32))
 
 
 def test_a_program_that_fails_says_so(monkeypatch):
     tree, x = trees()["trained"], np.zeros((1, 4), np.float32)
-    monkeypatch.setattr(trial.c, "to_c", lambda tree: "int policy_act(const float *x) { return y; }\n")
+    monkeypatch.setattr(c, "to_c", lambda tree, style: "int policy_act(const float *x) { return y; }\n")
     with pytest.raises(RuntimeError, match=r"cc failed with status 1: (?s:.*)undeclared"):
         ran(tree, "c", x)
-    monkeypatch.setattr(trial.shutil, "which", lambda name: None)
+    monkeypatch.setattr(toolchain.shutil, "which", lambda name: None)
     for to, package in (("c", "gcc"), ("rust", "rustc"), ("javascript", "nodejs")):
         with pytest.raises(FileNotFoundError, match=f"install the distribution's package {package}$"):
-            trial.run(tree, to, x)
+            run(tree, to, x)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sympol import DecisionTree
-from sympol.trees.export import check as trial
 from sympol.trees.export import common
+from sympol.trees.export.check import check_observations
 from sympol.trees.floats import double_threshold, flushed
 
 from ..samples import plain_leaf
@@ -39,7 +39,7 @@ def test_what_the_programs_are_compared_with_is_the_plain_loop():
 
 def test_observations_tried_on_the_command_s_request_tell_the_same_things():
     for tree in trees().values():
-        x = trial.trial_observations(tree, 30_000)
+        x = check_observations(tree, 30_000)
         tree.predict(x)  # none is refused
         free = [i for i in range(tree.n_features) if i not in tree.group_of]
         numbers = x[:, free]

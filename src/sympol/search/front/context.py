@@ -11,7 +11,7 @@ import numpy as np
 
 from ...agents import PPO, Agent, Callback, Report
 from ...envs.spec import EnvSpec
-from ...runs.folder import Run
+from ...runs.run import Run
 from ...training import finish, go_on, has_run, keep_in
 from ...trees import DecisionTree
 from ..evaluators.base import make_arena

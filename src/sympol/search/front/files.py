@@ -3,7 +3,7 @@
 | file | what |
 |---|---|
 | `front.json` | what was found, what it cost, what it was made with |
-| `points/015-nodes/` | each point as a run's folder, of a tree that was not trained there (`sympol.runs.folder`) |
+| `points/015-nodes/` | each point as a run's folder, of a tree that was not trained there (`sympol.runs.run`) |
 
 Reading runs no code, and what is not as it was written is refused.
 """
@@ -52,7 +52,7 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
     Raises:
         RunError: something is in the way that is no point of ours, or cannot be written.
     """
-    from ...runs.about import CONFIG, is_run
+    from ...runs.metadata import CONFIG, is_run
 
     folder = Path(folder)
     content = {
@@ -101,7 +101,7 @@ def load(folder: str | PathLike[str]) -> Front:
 
 def _save_point(path: Path, point: Point, spec: EnvSpec) -> None:
     from ...algorithms.config import Config
-    from ...runs.folder import Run
+    from ...runs.run import Run
 
     distilled = {"method": point.road, "teacher": "a search for small trees", "seed": point.seed}
     with Run.create(path, spec, Config(), point.seed, overwrite=True, distilled=distilled) as run:

@@ -214,7 +214,7 @@ class Front:
     budget: Mapping[str, Any] = field(default_factory=dict)
     """What was granted, such as ``{"seconds": 300}``: plain JSON."""
     versions: Mapping[str, Any] = field(default_factory=dict)
-    """Of everything that the result may depend on: `sympol.runs.about.versions`."""
+    """Of everything that the result may depend on: `sympol.runs.metadata.versions`."""
     commit: str = ""
     date: str = ""
     """When it was finished, in ISO 8601."""

@@ -21,8 +21,8 @@ from ...bounded import parse_json
 from ...envs.registry import resolve
 from ...parallel import Task, run_tasks
 from ...provenance import commit, versions
-from ...runs.about import RunError
 from ...runs.lock import exclusive
+from ...runs.metadata import RunError
 from ..evolve import Budget
 from .candidates import Found, kept
 from .config import CHOOSING, Plan

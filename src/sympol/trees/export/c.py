@@ -6,6 +6,7 @@ Names come from strangers. In C they stand in comments, in ASCII, where they can
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,15 +19,20 @@ from .common import (
     answers,
     branch_words,
     check_name,
-    check_style,
     comment,
     filled,
     legend,
     nested_ifs,
     table,
 )
+from .formats import check_style
+from .toolchain import Run, compile_and_run, find_program
 
-STYLES = ("ifs", "table")
+if TYPE_CHECKING:
+    from jaxtyping import Float32
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
+"""The compiler options under which the file compiles without a warning."""
 _BYTES = {"int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}
 
 _HEAD = """\
@@ -100,7 +106,7 @@ def to_c(tree: BaseTree, *, style: str = "ifs", name: str = "policy") -> str:
     Raises:
         ValueError: if style or name are none, or an action has no number in C.
     """
-    check_style(style, STYLES)
+    check_style("c", style)
     name, rows = check_name(name), answers(tree)
     as_table = style == "table" and tree.n_nodes > 1
     tables, size = _tables(tree, rows, name) if as_table else ("", 0)
@@ -235,3 +241,48 @@ def _hex(x: float) -> str:
     """A float as C99 writes it exactly: ``0x1.8p-3f``."""
     mantissa, exponent = x.hex().split("p")
     return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}p{exponent}f"
+
+
+_MAIN = """\
+#define _POSIX_C_SOURCE 199309L
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include "policy.c"
+
+int main(int argc, char **argv)
+{{
+    const size_t n = strtoul(argv[1], NULL, 10);
+    const int rounds = atoi(argv[2]);
+    float *x = malloc((n ? n : 1) * {n_features} * sizeof *x);
+    {kind} *action = malloc((n ? n : 1) * {n_outputs} * sizeof *action);
+
+    if (argc != 3 || !x || !action || fread(x, {n_features} * sizeof *x, n, stdin) != n)
+        return 1;
+    for (int round = 0; round < rounds; round++) {{
+        struct timespec start, stop;
+
+        clock_gettime(CLOCK_MONOTONIC, &start);
+        for (size_t i = 0; i < n; i++)
+            {act};
+        clock_gettime(CLOCK_MONOTONIC, &stop);
+        fprintf(stderr, "%.9f\\n",
+                (double)(stop.tv_sec - start.tv_sec) + 1e-9 * (double)(stop.tv_nsec - start.tv_nsec));
+    }}
+    return fwrite(action, {n_outputs} * sizeof *action, n, stdout) != n;
+}}
+"""
+
+
+def run_c(
+    tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int, *, style: str = "ifs"
+) -> Run:
+    """Compile the C file with a program around it, and run that on observations: see `sympol.trees.export.check`."""
+    rows = answers(tree)
+    kind, row, action = answer_type(rows), f"x + i * {tree.n_features}", f"action + i * {rows.n_outputs}"
+    act = f"action[i] = policy_act({row})" if rows.single else f"policy_act({row}, {action})"
+    main = _MAIN.format(n_features=tree.n_features, n_outputs=rows.n_outputs, kind=kind, act=act)
+    files = {"policy.c": to_c(tree, style=style), "main.c": main}
+    build = [find_program("cc", "gcc"), *STRICT, "-O2", "main.c", "-o", "main"]
+    dtype = {"float": np.float32, "int32_t": np.int32, "int64_t": np.int64}[kind]
+    return compile_and_run(files, build, ["./main"], x, rounds, dtype)

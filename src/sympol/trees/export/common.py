@@ -235,12 +235,6 @@ def check_name(name: str) -> str:
     return name
 
 
-def check_style(style: str, styles: Sequence[str]) -> None:
-    """Raise ValueError, naming all, unless there is such a style."""
-    if style not in styles:
-        raise ValueError(f"style must be {' or '.join(styles)}, got {style!r}")
-
-
 def filled(items: Iterable[object], indent: str = "    ") -> str:
     """Write items with commas between them, as many a line as fit."""
     joined = ", ".join(map(str, items))

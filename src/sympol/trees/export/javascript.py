@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from ..base import BaseTree
 from ..floats import number, unflushed_threshold
@@ -17,15 +18,18 @@ from .common import (
     Step,
     answers,
     branch_words,
-    check_style,
     comment,
     filled,
     legend,
     nested_ifs,
     table,
 )
+from .formats import check_style
+from .toolchain import Run, compile_and_run, find_program
 
-STYLES = ("ifs", "table")
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float32
 
 _HEAD = """\
 // A decision tree policy, written by sympol: an ES module that needs nothing.
@@ -88,7 +92,7 @@ def to_javascript(tree: BaseTree, *, style: str = "ifs") -> str:
     Raises:
         ValueError: if the style is none, or an action has no number in JavaScript.
     """
-    check_style(style, STYLES)
+    check_style("javascript", style)
     rows = answers(tree)
     as_table = style == "table" and tree.n_nodes > 1
     body = _loop(rows) if as_table else _ifs(tree, rows)
@@ -148,3 +152,34 @@ def _answer(answer: list[int] | list[float], rows: Answers) -> str:
 
 def _string(name: str) -> str:
     return json.dumps(name).replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+_MAIN = """\
+import {{ readFileSync, writeSync }} from "node:fs";
+import {{ act }} from "./policy.mjs";
+
+const bytes = readFileSync(0);
+const numbers = new Float32Array(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
+const x = [];
+for (let i = 0; i < numbers.length; i += {n_features}) x.push(Array.from(numbers.subarray(i, i + {n_features})));
+let actions = new Array(x.length);
+for (let round = 0; round < Number(process.argv[3]); round++) {{
+  const start = process.hrtime.bigint();
+  for (let i = 0; i < x.length; i++) actions[i] = act(x[i]);
+  console.error((Number(process.hrtime.bigint() - start) / 1e9).toFixed(9));
+}}
+const written = Buffer.from({array}.from(actions.flat(){convert}).buffer);
+for (let at = 0; at < written.length; ) at += writeSync(1, written, at);
+"""
+
+
+def run_javascript(
+    tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int, *, style: str = "ifs"
+) -> Run:
+    """Run the module with a program around it in Node on observations: see `sympol.trees.export.check`."""
+    rows = answers(tree)
+    array, convert = ("Float32Array", "") if rows.is_float else ("BigInt64Array", ".map(BigInt)")
+    main = _MAIN.format(n_features=tree.n_features, array=array, convert=convert)
+    files = {"policy.mjs": to_javascript(tree, style=style), "main.mjs": main}
+    start = [find_program("node", "nodejs"), "main.mjs"]
+    return compile_and_run(files, [], start, x, rounds, rows.rows.dtype)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from ..actions import BoxActions, DiscreteActions
 from ..base import BaseTree
 from ..floats import unflushed_threshold
 from .common import answers, check_name
+from .toolchain import Run, timed
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32
 
 _IR_VERSION, _OPSET, _ML_OPSET = 9, 17, 3
 """Old ones: onnxruntime refuses models that are newer than itself."""
@@ -99,3 +103,14 @@ def _nodes(tree: BaseTree, row_of: np.ndarray) -> dict[str, Any]:
         "target_ids": [0 for _ in leaves],
         "target_weights": row_of[leaves].astype(np.float32).tolist(),
     }
+
+
+def run_onnx(tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int) -> Run:
+    """Run the model in onnxruntime on observations: see `sympol.trees.export.check`."""
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise ImportError("checking an ONNX model needs onnxruntime: pip install onnxruntime") from error
+    session = onnxruntime.InferenceSession(to_onnx(tree), providers=["CPUExecutionProvider"])
+    actions, seconds = timed(rounds, lambda: session.run(None, {"observation": x})[0])
+    return Run(np.asarray(actions), seconds)

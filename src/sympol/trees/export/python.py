@@ -14,6 +14,9 @@ import builtins
 import keyword
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..actions import DiscreteActions, MultiDiscreteActions
 from ..base import BaseTree
@@ -21,6 +24,10 @@ from ..floats import double_threshold
 from ..groups import Group
 from ..text import asked_group, node_words
 from .common import Answers, Step, answers, branch_words, filled, nested_ifs, variables
+from .toolchain import Run, timed
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32
 
 _HEADER = '''\
 """A decision tree policy, written by sympol. It needs nothing but Python.
@@ -169,3 +176,12 @@ def _answer(rows: Answers, leaf: int, tree: BaseTree) -> str:
     if rows.single:
         return repr(answer[0])
     return repr(tuple(answer) if isinstance(tree.actions, MultiDiscreteActions) else answer)
+
+
+def run_python(tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int) -> Run:
+    """Run the program on observations, as lists of floats: see `sympol.trees.export.check`."""
+    namespace: dict[str, Any] = {"__name__": "policy"}
+    exec(compile(to_python(tree), "policy.py", "exec"), namespace)
+    act, lists = namespace["act"], x.tolist()
+    actions, seconds = timed(rounds, lambda: [act(row) for row in lists])
+    return Run(np.array(actions, answers(tree).rows.dtype), seconds)

@@ -5,10 +5,21 @@ Names come from strangers. In Rust they stand in line comments, in ASCII.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
 from ..base import BaseTree
 from ..floats import shortest, unflushed_threshold
 from ..text import node_words
 from .common import Answers, Step, answers, branch_words, comment, filled, legend, nested_ifs
+from .toolchain import Run, compile_and_run, find_program
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32
+
+STRICT = ("--edition", "2021", "-D", "warnings")
+"""The compiler options under which the file compiles without a warning."""
 
 _HEAD = """\
 // A decision tree policy, written by sympol: Rust, no_std, no dependencies, no unsafe code. It is a crate of its own;
@@ -106,3 +117,51 @@ def _ifs(tree: BaseTree, rows: Answers) -> str:
 def _float(x: float) -> str:
     """A float32 in the fewest digits; Rust rounds what it reads to the nearest float32."""
     return repr(shortest(x))
+
+
+_MAIN = """\
+#[path = "policy.rs"]
+#[allow(dead_code, unused_attributes)]
+mod policy;
+use std::io::{{Read, Write}};
+
+fn main() {{
+    let rounds: usize = std::env::args().nth(2).unwrap().parse().unwrap();
+    let mut bytes = Vec::new();
+    std::io::stdin().read_to_end(&mut bytes).unwrap();
+    let numbers: Vec<f32> = bytes
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect();
+    let x: Vec<[f32; {n_features}]> = numbers
+        .chunks_exact({n_features})
+        .map(|row| <[f32; {n_features}]>::try_from(row).unwrap())
+        .collect();
+    let mut actions = Vec::new();
+    for _ in 0..rounds {{
+        actions.clear();
+        actions.reserve(x.len());
+        let start = std::time::Instant::now();
+        for row in &x {{
+            actions.push(policy::act(row));
+        }}
+        eprintln!("{{:.9}}", start.elapsed().as_secs_f64());
+    }}
+    let mut written = Vec::new();
+    for action in &actions {{
+        {write}
+    }}
+    std::io::stdout().write_all(&written).unwrap();
+}}
+"""
+
+
+def run_rust(tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int) -> Run:
+    """Compile the Rust file with a program around it, and run that on observations: see `sympol.trees.export.check`."""
+    rows = answers(tree)
+    number = "written.extend_from_slice(&{}.to_le_bytes());"
+    write = number.format("action") if rows.single else f"for part in action {{ {number.format('part')} }}"
+    files = {"policy.rs": to_rust(tree), "main.rs": _MAIN.format(n_features=tree.n_features, write=write)}
+    build = [find_program("rustc", "rustc"), *STRICT, "-O", "main.rs"]
+    dtype = {"f32": np.float32, "i32": np.int32, "i64": np.int64}[answer_type(rows)]
+    return compile_and_run(files, build, ["./main"], x, rounds, dtype)

@@ -10,15 +10,24 @@ is all that SQLite has) is no ``<=``.
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 from collections.abc import Iterator, Sequence
 from itertools import chain, count
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..base import BaseTree
 from ..floats import double_threshold
 from ..text import node_words
-from .common import answers, branch_words, check_style, comment, legend, steps
+from .common import answers, branch_words, comment, legend, steps
+from .formats import check_style
+from .toolchain import Run, timed
 
-STYLES = ("postgresql", "sqlite")
+if TYPE_CHECKING:
+    from jaxtyping import Float32
+
 _REAL = {"postgresql": "real", "sqlite": "REAL"}
 _LONGEST = 63
 """Bytes of a name in PostgreSQL; it cuts off what is longer."""
@@ -56,7 +65,7 @@ def to_sql(
     Raises:
         ValueError: if there is no such style, an action has no number, or a name cannot be one.
     """
-    check_style(style, STYLES)
+    check_style("sql", style)
     names = column_names(tree.feature_names) if columns is None else list(columns)
     if len(names) != tree.n_features:
         raise ValueError(f"expected the columns of {tree.n_features} features, got {names!r}")
@@ -136,3 +145,18 @@ def _case(tree: BaseTree, names: Sequence[str], answer: Sequence[str]) -> Iterat
 def _real(x: float) -> str:
     # of decimals with 17 digits SQLite reads one in 30,000 as the double beside it
     return f"{x:.20g}"
+
+
+def run_sql(
+    tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int, *, style: str = "postgresql"
+) -> Run:
+    """Run the query in SQLite on a table of observations: see `sympol.trees.export.check`."""
+    if style == "postgresql":
+        raise ValueError("there is no PostgreSQL here to run a query; add --style sqlite")
+    n, columns = tree.n_features, [f"f{i}" for i in range(tree.n_features)]
+    query = to_sql(tree, style=style, columns=columns)
+    with contextlib.closing(sqlite3.connect(":memory:")) as database:
+        database.execute(f"CREATE TABLE observations ({', '.join(f'{column} REAL' for column in columns)})")
+        database.executemany(f"INSERT INTO observations VALUES ({', '.join('?' * n)})", x.tolist())
+        table, seconds = timed(rounds, lambda: database.execute(query).fetchall())
+    return Run(np.array([row[n:] for row in table], answers(tree).rows.dtype), seconds)

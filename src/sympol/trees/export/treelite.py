@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..base import BaseTree
 from ..floats import unflushed_threshold
 from .common import answers
+from .toolchain import Run, timed
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32
 
 _LARGEST = 2**24
 """Up to it float32 holds every whole number."""
@@ -67,3 +73,13 @@ def to_treelite(tree: BaseTree) -> bytes:
         builder.end_node()
     builder.end_tree()
     return bytes(builder.commit().serialize_bytes())
+
+
+def run_treelite(tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int) -> Run:
+    """Predict by Treelite's own GTIL on observations: see `sympol.trees.export.check`."""
+    written = to_treelite(tree)
+    import treelite
+
+    model = treelite.Model.deserialize_bytes(written)
+    actions, seconds = timed(rounds, lambda: treelite.gtil.predict(model, x))
+    return Run(actions.astype(answers(tree).rows.dtype), seconds)

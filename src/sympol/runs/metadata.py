@@ -1,4 +1,4 @@
-"""What a run is of, as its `config.toml` says it: written, and read with care."""
+"""A run's `config.toml`: its metadata (the table `[run]`), hyperparameters and versions, read with care."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import gymnasium
 import tomli_w
 
 from .. import __version__, files
 from ..algorithms.config import Config, ConfigError
 from ..bounded import parse_toml
 from ..envs.origin import Origin
-from ..envs.spec import EnvSpec
 from ..provenance import versions
-from ..trees import Group
+from ..trees.groups import Group
+
+if TYPE_CHECKING:
+    from ..envs.spec import EnvSpec
 
 CONFIG = "config.toml"
 FORMAT = 1
-_ABOUT = {
+_TYPES = {
     "sympol": str,
     "env": str,
     "backend": str,
@@ -38,7 +39,7 @@ _ABOUT = {
     "distilled": dict,
     "start": dict,
 }
-_LATER: dict[str, Any] = {
+_OPTIONAL: dict[str, Any] = {
     "eval_episodes": 20,
     "env_kwargs": {},
     "wrappers": [],
@@ -47,7 +48,7 @@ _LATER: dict[str, Any] = {
     "distilled": {},
     "start": {},
 }
-"""What runs may lack, and what it was when they were made."""
+"""Fields that a run may lack, and their values where they are missing."""
 _QUOTES = "'\""
 _LONGEST = 300
 _REPR = reprlib.Repr()
@@ -56,20 +57,20 @@ _RANGES = {"seed": (0, 2**32 - 1), "eval_episodes": (1, 2**31)}
 
 
 def file_name(name: str) -> str:
-    """What something is called, an environment's id say, as the name of a file or a folder."""
+    """Return a name, such as an environment's id, as the name of a file or a folder."""
     return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
 
 
 class RunError(RuntimeError):
-    """A run's folder that cannot be made, read or continued; the message says what to do."""
+    """A run's folder that cannot be made, read or resumed; the message names the remedy."""
 
 
 class WriteError(RunError):
-    """A file of a run that cannot be written, as on a full disk; the message names it and says how to go on."""
+    """A file of a run that cannot be written, as on a full disk; the message names it and the remedy."""
 
 
 def short(value: object) -> str:
-    """A value from a file as a part of an error message: not too long, and without control characters."""
+    """Return a value from a file as a part of an error message: short, and without control characters."""
     return _REPR.repr(value)
 
 
@@ -81,7 +82,16 @@ def describe(
     distilled: Mapping[str, Any],
     start: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The table ``[run]``."""
+    """Return the metadata of a new run, the table ``[run]``.
+
+    Args:
+        spec: The environment.
+        seed: The training's seed.
+        preset: The preset that the hyperparameters are from.
+        eval_episodes: Number of test episodes at the end.
+        distilled: For a distilled tree, the method, its options and the teacher; else empty.
+        start: For a training that starts from a tree, where it is from and how to start; else empty.
+    """
     return {
         "format": FORMAT,
         "sympol": __version__,
@@ -99,48 +109,59 @@ def describe(
     }
 
 
-def to_toml(about: Mapping[str, Any], config: Mapping[str, Any]) -> str:
-    """The file."""
-    written = {name: value for name, value in about.items() if value != _LATER.get(name)}
+def to_toml(metadata: Mapping[str, Any], config: Mapping[str, Any]) -> str:
+    """Return the text of ``config.toml``.
+
+    Args:
+        metadata: The table ``[run]``.
+        config: The table ``[config]``, empty for a distilled tree.
+    """
+    written = {name: value for name, value in metadata.items() if value != _OPTIONAL.get(name)}
     return tomli_w.dumps({"run": written, "config": config, "versions": versions()})
 
 
 def read(path: Path) -> tuple[dict[str, Any], Config]:
-    """What the run in the folder ``path`` is of, and its config.
+    """Read ``config.toml``.
+
+    Args:
+        path: The run's folder.
+
+    Returns:
+        The run's metadata, whose fields have the right types, and its hyperparameters.
 
     Raises:
-        RunError: there is no run, or it has another format.
+        RunError: There is no run, or it has another format.
     """
     file = path / CONFIG
     try:
         content = parse_toml(files.read_text(file), "it")
-        about, config = content["run"], content["config"]
+        metadata, config = content["run"], content["config"]
     except (FileNotFoundError, NotADirectoryError) as error:
         raise RunError(f"there is no run in {path}: it has no {CONFIG}") from error
     except KeyError as error:
         raise RunError(f"{file} is not a run's: it lacks [{error.args[0]}]") from error
     except (OSError, ValueError) as error:
         raise RunError(f"{file} cannot be read: {error}") from error
-    if not isinstance(about, dict) or not isinstance(config, dict):
+    if not isinstance(metadata, dict) or not isinstance(config, dict):
         raise RunError(f"{file} is not a run's: [run] and [config] must be tables")
-    if type(about.get("format")) is not int or about["format"] != FORMAT:
-        made_by, other = short(about.get("sympol", "?")).strip(_QUOTES), short(about.get("format"))
+    if type(metadata.get("format")) is not int or metadata["format"] != FORMAT:
+        made_by, other = short(metadata.get("sympol", "?")).strip(_QUOTES), short(metadata.get("format"))
         raise RunError(
             f"{path} was made by sympol {made_by} in format {other}; this is "
             f"sympol {__version__}, which reads format {FORMAT}: install the version that made it"
         )
-    for name, kind in _ABOUT.items():
-        value = about.setdefault(name, _LATER[name]) if name in _LATER else about.get(name)
+    for name, kind in _TYPES.items():
+        value = metadata.setdefault(name, _OPTIONAL[name]) if name in _OPTIONAL else metadata.get(name)
         parts = value if name.endswith("_names") and isinstance(value, list) else ["none"]
         if type(value) is not kind or not all(isinstance(part, str) for part in parts):
             raise RunError(f"{file}: {name} must be a {kind.__name__}, got {short(value)}")
     for name, (low, high) in _RANGES.items():
-        if not low <= about[name] <= high:
-            raise RunError(f"{file}: {name} must be between {low} and {high}, got {short(about[name])}")
+        if not low <= metadata[name] <= high:
+            raise RunError(f"{file}: {name} must be between {low} and {high}, got {short(metadata[name])}")
     try:
-        about["groups"] = [Group(**group) for group in about["groups"]]
-        Origin.from_dict(about)
-        return about, Config.from_dict(config)
+        metadata["groups"] = [Group(**group) for group in metadata["groups"]]
+        Origin.from_dict(metadata)
+        return metadata, Config.from_dict(config)
     except (ConfigError, TypeError, ValueError, OverflowError) as error:
         raise RunError(f"{file}: {str(error)[:_LONGEST]}") from error
 
@@ -155,7 +176,7 @@ def require_no_import(env: str, path: Path, *, trust: bool = False) -> None:
     Args:
         env: The id, such as ``"my_package:Tank-v0"``.
         path: The folder or file that names it.
-        trust: Whether its module may be imported nevertheless.
+        trust: Whether its module may be imported all the same.
 
     Raises:
         RunError: The module is not imported yet, and importing it would run its code.
@@ -171,9 +192,12 @@ def require_no_import(env: str, path: Path, *, trust: bool = False) -> None:
 
 
 def _is_from(module: str, env_id: str) -> bool:
-    """Whether a module is imported already and has registered an environment of its own by this id."""
-    spec = gymnasium.registry.get(env_id)
-    if spec is None or module not in sys.modules:
+    """Return whether a module is imported already and has registered an environment of its own by this id."""
+    if module not in sys.modules:
+        return False
+    import gymnasium
+
+    if (spec := gymnasium.registry.get(env_id)) is None:
         return False
     entry = spec.entry_point
     home = entry.partition(":")[0] if isinstance(entry, str) else getattr(entry, "__module__", "")
@@ -181,12 +205,12 @@ def _is_from(module: str, env_id: str) -> bool:
 
 
 def is_run(config_file: Path) -> bool:
-    """Whether this is the config of a run of ours, and not one of the many other files of that name."""
+    """Return whether a ``config.toml`` is a run's, and not one of the many other files of that name."""
     try:
-        about = parse_toml(files.read_text(config_file), "it").get("run")
+        metadata = parse_toml(files.read_text(config_file), "it").get("run")
     except (OSError, ValueError):
         return False
-    return isinstance(about, dict) and {"format", "sympol"} <= about.keys()
+    return isinstance(metadata, dict) and {"format", "sympol"} <= metadata.keys()
 
 
 def _group_to_toml(group: Group) -> dict[str, Any]:

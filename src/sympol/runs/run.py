@@ -1,17 +1,20 @@
 """A run is a folder, and everything done later needs that folder and nothing else.
 
-| file | what |
+| file | content |
 |---|---|
 | `config.toml` | environment, seed, preset, every hyperparameter, versions |
-| `metrics.csv` | a row a validation |
-| `checkpoints/` | the newest two states of the training |
-| `start.json` | the tree that the training started from, if it did; `[run.start]` of the config says where it is from |
+| `metrics.csv` | one row for each validation |
+| `checkpoints/` | the two newest states of the training |
+| `start.json` | the tree that the training started from, if any; `[run.start]` of the config says where it is from |
 | `policy.json` | the tree (docs/guides/tree-json.md) |
 | `policy.py`, `tree.txt`, `tree.svg` | the tree as a program, as text, as a picture |
-| `summary.json` | what it earns, how big it is, how long it took |
+| `summary.json` | its returns, its size, its times |
 
-A soft tree has only `tree.txt` and `tree.svg`. A tree that was distilled has no checkpoints and no metrics, and its
-config says of what it was made, and how: `[run.distilled]`.
+A soft tree has only `tree.txt` and `tree.svg`. A distilled tree has no checkpoints and no metrics; `[run.distilled]` of
+its config says what it was made of, and how.
+
+Reading a run imports neither JAX nor Gymnasium: what needs them is imported where checkpoints are read or written, and
+where the environment is made.
 """
 
 from __future__ import annotations
@@ -23,33 +26,31 @@ import os
 import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from .. import __version__, files
 from ..algorithms.config import Config
-from ..algorithms.state import TrainState
-from ..algorithms.warm_start import Start
 from ..bounded import parse_json
 from ..envs.origin import Origin
-from ..envs.registry import UnknownEnvironment, resolve
-from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
-from .about import CONFIG, RunError, WriteError, describe, is_run, read, require_no_import, short, to_toml
-from .checkpoint import CheckpointError, has_checkpoints, load_latest, remove_all, save
-from .lock import LOCK, FolderLock, Held, writer_of
+from .checkpoint import CheckpointError, has_checkpoints, load_latest, save
+from .clearing import FORMS, START, clear, folder_flag, require_free, written_by
+from .lock import FolderLock, Held
+from .metadata import CONFIG, RunError, WriteError, describe, read, require_no_import, short, to_toml
 from .metrics import MetricsFile
 
-_START = "start.json"
-_FORMS = ("policy.json", "policy.py", "tree.txt", "tree.svg")
-"""A tree's."""
-_MADE = ("metrics.csv", *_FORMS, "summary.json", "episode.gif", "report.html")
+if TYPE_CHECKING:
+    from ..algorithms.state import TrainState
+    from ..algorithms.warm_start import Start
+    from ..envs.spec import EnvSpec
+
 _NUMBERS = {
     *("return_mean", "return_std", "sampled_return_mean", "sampled_return_std", "teacher_return_mean"),
     *("teacher_return_std", "agreement", "action_difference", "validation_return", "episodes", "timesteps"),
     *("nodes", "nodes_unpruned", "leaves", "depth", "max_nodes", "node_price", "wall_seconds"),
     *("compile_seconds", "training_seconds", "distill_seconds", "steps_per_second"),
 }
-"""Of a summary, where it has them."""
+"""Fields of a summary that are numbers, where it has them."""
 _REPAIRS = {
     errno.ENOSPC: "make room there",
     errno.EDQUOT: "make room there",
@@ -60,22 +61,28 @@ _REPAIRS = {
 
 
 class Run:
-    """One run's folder; see the module for what is in it.
+    """A run's folder.
 
-    Only one process at a time may write in it: the one that made it with `create`, or took it with `take`. It gives it
-    back with `close`, at the end of a ``with`` block, with the last reference to the run, or when it ends.
+    Only one process at a time may write in it: the one that made it with `create` or locked it with `take`. The lock
+    is released by `close`, at the end of a ``with`` block, with the last reference to the run, and with the process.
+
+    Attributes:
+        path: The folder.
+        metadata: The table ``[run]`` of its config (`sympol.runs.metadata`).
+        config: Its hyperparameters.
+        metrics: Its ``metrics.csv``.
+        way_on: How to resume or repeat it, as a part of messages.
     """
 
     def __init__(
-        self, path: Path, about: Mapping[str, Any], config: Config, env: Any = None, *, trust: bool = False
+        self, path: Path, metadata: Mapping[str, Any], config: Config, env: Any = None, *, trust: bool = False
     ) -> None:
-        self.path, self.about, self.config = path, about, config
+        self.path, self.metadata, self.config = path, metadata, config
         self._env, self._trust = env, trust
         self.metrics = MetricsFile(path / "metrics.csv")
         self.way_on = (
-            "make it again" if about["distilled"] else f"go on with: sympol resume {self.as_argument}"
+            "make it again" if self.is_distilled else f"go on with: sympol resume {self.as_argument}"
         )
-        """What to do once a disk that failed works again."""
         self._lock: FolderLock | None = None
 
     @classmethod
@@ -93,71 +100,84 @@ class Run:
         start: Start | None = None,
         flag: str | None = None,
     ) -> Run:
-        """Make the folder and write its config; of a tree that was ``distilled``, by what.
+        """Make a run's folder, write its config, and lock it for this process.
 
-        Of a training that starts from a tree, the tree is written, too. ``flag`` is what messages call the path.
+        Args:
+            path: The folder.
+            spec: The environment.
+            config: The hyperparameters.
+            seed: The training's seed.
+            preset: The preset that the hyperparameters are from.
+            eval_episodes: Number of test episodes at the end.
+            overwrite: Whether a run that is there may be replaced.
+            distilled: For a distilled tree, the method, its options and the teacher.
+            start: For a training that starts from a tree, the tree and how to start; the tree is written, too.
+            flag: The flag that chooses the folder, for messages.
+
+        Returns:
+            The run.
 
         Raises:
-            RunError: it exists and is not to be overwritten, or is not a run, or another process writes in it, or it
-                cannot be written.
+            RunError: `require_free` refuses the path, another process writes in it, or it cannot be written.
         """
-        flag = flag or _flag(bool(distilled))
+        flag = flag or folder_flag(distilled=bool(distilled))
 
         def check() -> None:
             require_free(path, overwrite=overwrite, distilled=bool(distilled), flag=flag)
 
         check()
-        begun_with = {} if start is None else start.about()
-        about = describe(spec, seed, preset, eval_episodes, distilled or {}, begun_with)
-        text = to_toml(about, {} if distilled else config.to_dict())
-        run = cls(path, about, config)
+        origin = {} if start is None else start.about()
+        metadata = describe(spec, seed, preset, eval_episodes, distilled or {}, origin)
+        text = to_toml(metadata, {} if distilled else config.to_dict())
+        run = cls(path, metadata, config)
         try:
             path.mkdir(parents=True, exist_ok=True)
             run.take(flag)
             check()  # again: another process may have made a run meanwhile
-            _clear(path)
+            clear(path)
             if start is not None:
-                files.write(path / _START, start.tree.to_json())
+                files.write(path / START, start.tree.to_json())
             files.write(path / CONFIG, text)
         except OSError as error:
             run.close()
-            raise RunError(f"cannot write {_place(error, path)}; choose another {flag}") from error
+            raise RunError(f"cannot write {_reason(error, path)}; choose another {flag}") from error
         except BaseException:
             run.close()
             raise
         return run
 
     def take(self, flag: str | None = None) -> None:
-        """Become the only process that writes in the folder; what killed ones left unfinished there is removed.
+        """Lock the folder for this process, and remove the unfinished files of processes that were killed.
 
-        ``flag`` is how another folder can be chosen, where that is a way out.
+        Args:
+            flag: The flag that chooses another folder, for messages.
 
         Raises:
-            RunError: another process writes in it.
-            OSError: it cannot be written.
+            RunError: Another process writes in it.
+            OSError: It cannot be written.
         """
         if self._lock is not None:
             return
         try:
             self._lock = FolderLock(self.path)
         except Held as error:
-            raise _written_by(str(error), self.path, flag) from None
+            raise written_by(str(error), self.path, flag) from None
         for folder in (self.path, self.path / "checkpoints"):
             if folder == self.path or not folder.is_symlink():
                 files.remove_temporaries(folder)
 
     def close(self) -> None:
-        """Let other processes write in the folder; the lock's file stays where no config was written (`_is_unused`)."""
+        """Release the lock; its file stays where no config was written, which marks the folder as unused."""
         if self._lock is not None:
             self._lock.release(remove=(self.path / CONFIG).exists())
             self._lock = None
 
     def __enter__(self) -> Self:
-        """It is closed at the end."""
+        """Return the run, which is closed at the end of the block."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close it."""
+        """Close the run."""
         self.close()
 
     @classmethod
@@ -169,35 +189,42 @@ class Run:
             env: The environment to use in place of the one that the folder names, as in `resolve`.
             trust: Whether a module that the folder names may be imported, which runs its code.
 
+        Returns:
+            The run, whose environment is not made yet.
+
         Raises:
-            RunError: there is no run, or it has another format.
+            RunError: There is no run, or it has another format.
         """
         return cls(path, *read(path), env, trust=trust)
 
     @property
     def seed(self) -> int:
-        """The training's seed."""
-        return int(self.about["seed"])
+        """Return the training's seed."""
+        return int(self.metadata["seed"])
 
     @property
     def as_argument(self) -> str:
-        """The folder as a command that plays episodes takes it, with --trust if its environment needs a module."""
-        return shlex.quote(str(self.path)) + (" --trust" if ":" in self.about["env"] else "")
+        """Return the folder as an argument of commands, with --trust if its environment needs a module."""
+        return shlex.quote(str(self.path)) + (" --trust" if ":" in self.metadata["env"] else "")
 
     @property
     def has_tree(self) -> bool:
-        """Whether its policy is a tree."""
+        """Return whether its policy is a decision tree."""
         return self.is_distilled or self.config.policy == "tree"
 
     @property
     def is_distilled(self) -> bool:
-        """Whether its tree was made of a teacher, so that there is no training to go on with."""
-        return bool(self.about["distilled"])
+        """Return whether its tree was distilled from a teacher, so that there is no training to resume."""
+        return bool(self.metadata["distilled"])
 
     def require_training(self) -> None:
-        """Raise RunError for a tree that was distilled."""
+        """Refuse a distilled tree.
+
+        Raises:
+            RunError: The tree was distilled, so that there is no training.
+        """
         if self.is_distilled:
-            how = self.about["distilled"]
+            how = self.metadata["distilled"]
             raise RunError(
                 f"{self.path} holds a tree distilled from {how.get('teacher')} by {how.get('method')}: there is no "
                 f"training to load or resume; read it with sympol show {self.path}, or in Python "
@@ -205,45 +232,49 @@ class Run:
             )
 
     def load_start(self) -> Start | None:
-        """The tree that the training started from, and how; None where it started with a random policy.
+        """Return the tree that the training started from, and how, or None for a random policy.
 
         Raises:
-            RunError: it is missing or damaged.
+            RunError: The tree is missing or damaged.
         """
-        if not self.about["start"]:
+        if not self.metadata["start"]:
             return None
-        file = self.path / _START
+        from ..algorithms.warm_start import Start
+
+        file = self.path / START
         try:
             tree = DecisionTree.from_json(files.read_text(file, files.MOST))
-            return Start.from_about(tree, self.about["start"])
+            return Start.from_about(tree, self.metadata["start"])
         except (OSError, TypeError, ValueError, KeyError, OverflowError) as error:
             raise RunError(
                 f"{self.path} started from a tree, which cannot be read in {file}: {error}"
             ) from error
 
     def resolve_env(self) -> EnvSpec:
-        """Return the environment the run was made on, or the one it was opened with, under the names of the run.
+        """Return the environment of the run, or the one it was opened with, under the run's names.
 
-        Naming the run's own id means its environment, with the arguments and wrappers that the folder keeps.
-
-        Where Numba is not installed a run that trained with its machine code can be read, and only refuses to train on.
+        The run's own id stands for its environment, with the arguments and wrappers that the folder keeps. A run that
+        trained with Numba's machine code can be read without Numba, but not resumed.
 
         Raises:
-            RunError: the folder does not say all of the environment, no such id is known here, or it needs a module
-                that may not be imported.
+            RunError: The folder does not describe all of the environment, no such id is known here, or it needs a
+                module that must not be imported.
         """
-        names = {name: self.about[name] for name in ("feature_names", "action_names", "groups")}
+        from ..envs.registry import UnknownEnvironment, resolve
+        from ..envs.spec import EnvSpec
+
+        names = {name: self.metadata[name] for name in ("feature_names", "action_names", "groups")}
         if isinstance(self._env, EnvSpec):
             return self._env
-        is_named = isinstance(self._env, str) and _id(self._env) == _id(self.about["env"])
+        is_named = isinstance(self._env, str) and _id(self._env) == _id(self.metadata["env"])
         if self._env is not None and not is_named:
             return resolve(self._env, **names)
-        backend = self.about["backend"]
+        backend = self.metadata["backend"]
         remedy = (
             "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id"
         )
-        name: str = self._env if isinstance(self._env, str) else self.about["env"]
-        origin = Origin.from_dict(self.about)
+        name: str = self._env if isinstance(self._env, str) else self.metadata["env"]
+        origin = Origin.from_dict(self.metadata)
         if origin.not_kept:
             raise RunError(f"{self.path} was trained on {name}, {origin.not_kept}; {remedy}")
         require_no_import(name, self.path, trust=self._trust or is_named)
@@ -267,21 +298,25 @@ class Run:
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
-        """Within it a failing disk is a WriteError that names the file and says how to go on.
+        """Turn an OSError within the block into a WriteError that names the file and the remedy.
 
         Raises:
-            WriteError: see there.
+            WriteError: A file cannot be written.
         """
         try:
             yield
         except OSError as error:
             repair = _REPAIRS.get(error.errno or 0, "see to that")
             raise WriteError(
-                f"cannot write {_place(error, self.path)}; {repair}, then {self.way_on}"
+                f"cannot write {_reason(error, self.path)}; {repair}, then {self.way_on}"
             ) from error
 
     def require_own_checkpoints(self) -> None:
-        """Raise RunError where checkpoints would be written through a link, into a folder that is somebody else's."""
+        """Refuse to write checkpoints through a link, into a folder outside the run.
+
+        Raises:
+            RunError: The folder of the checkpoints is a link.
+        """
         folder = self.path / "checkpoints"
         if folder.is_symlink():
             raise RunError(
@@ -290,24 +325,30 @@ class Run:
             )
 
     def save_checkpoint(self, state: TrainState) -> None:
-        """Write the state of the training.
+        """Write a checkpoint.
+
+        Args:
+            state: The state of the training.
 
         Raises:
-            RunError: it cannot be written.
+            RunError: It cannot be written.
         """
         self.require_own_checkpoints()
         with self.writing():
             save(self.path / "checkpoints", state, int(state.timestep))
 
     def load_checkpoint(self, template: TrainState) -> TrainState | None:
-        """The newest whole state; None where none was saved yet.
+        """Return the newest checkpoint that is whole, or None where none was saved yet.
+
+        Args:
+            template: A state with arrays, or their shapes, of the same form.
 
         Raises:
-            RunError: made by another version of sympol, or all checkpoints are damaged.
+            RunError: Another version of sympol made the run, or all checkpoints are damaged.
         """
-        if self.about["sympol"] != __version__:
+        if self.metadata["sympol"] != __version__:
             raise RunError(
-                f"{self.path} was made by sympol {self.about['sympol']}, this is {__version__}: its checkpoints "
+                f"{self.path} was made by sympol {self.metadata['sympol']}, this is {__version__}: its checkpoints "
                 "continue only in the version that made them; policy.json can still be read"
             )
         folder = self.path / "checkpoints"
@@ -321,8 +362,11 @@ class Run:
     def save_tree(self, tree: DecisionTree) -> None:
         """Write the tree in every form.
 
+        Args:
+            tree: The tree.
+
         Raises:
-            RunError: it cannot be written.
+            RunError: A file cannot be written.
         """
         self._write("policy.json", tree.to_json())
         self._write("policy.py", tree.to_python())
@@ -331,7 +375,7 @@ class Run:
             tree.plot(self.path / "tree.svg")
 
     def is_finished(self) -> bool:
-        """Whether all that is written at the end of a training is there, and whole."""
+        """Return whether all that is written at the end of a training is there, and whole."""
         try:
             if self.load_summary() is None:
                 return False
@@ -339,13 +383,13 @@ class Run:
                 self.load_tree()
         except RunError:
             return False
-        return not self.has_tree or all((self.path / name).is_file() for name in _FORMS)
+        return not self.has_tree or all((self.path / name).is_file() for name in FORMS)
 
     def load_tree(self) -> DecisionTree:
-        """The tree.
+        """Return the tree.
 
         Raises:
-            RunError: there is none yet, or it is damaged.
+            RunError: The policy is no tree, there is none yet, or it is damaged.
         """
         file = self.path / "policy.json"
         if not self.has_tree:
@@ -368,10 +412,10 @@ class Run:
             raise RunError(f"{file} cannot be read: {error}") from error
 
     def load_summary(self) -> dict[str, Any] | None:
-        """What came of it, if it is finished.
+        """Return the content of ``summary.json``, or None while the run is not finished.
 
         Raises:
-            RunError: it is damaged.
+            RunError: It is damaged.
         """
         file = self.path / "summary.json"
         try:
@@ -390,10 +434,13 @@ class Run:
         return summary
 
     def save_summary(self, summary: Mapping[str, Any]) -> None:
-        """Write what came of it.
+        """Write ``summary.json``.
+
+        Args:
+            summary: Values that JSON has.
 
         Raises:
-            RunError: it cannot be written.
+            RunError: It cannot be written.
         """
         self._write("summary.json", json.dumps(summary, indent=2) + "\n")
 
@@ -402,82 +449,10 @@ class Run:
             files.write(self.path / name, text)
 
 
-def require_free(path: Path, *, overwrite: bool, distilled: bool = False, flag: str | None = None) -> None:
-    """Raise RunError where no run can be made.
-
-    That is at a file, in something else's folder, where another process writes, or at a run that is not to be replaced.
-    """
-    flag = flag or _flag(distilled)
-    if path.exists() and not path.is_dir():
-        raise RunError(f"{path} is a file; choose another {flag}")
-    for folder in (path, *(path / "distilled").glob("*")):
-        if (writer := writer_of(folder)) is not None:
-            raise _written_by(writer, folder, flag)
-    if path.is_dir() and not _is_unused(path):
-        if not is_run(path / "config.toml"):
-            raise RunError(f"{path} exists and is not a sympol run; choose another {flag}")
-        if not overwrite:
-            go_on = "" if distilled else f"continue it with `sympol resume {path}`, "
-            raise RunError(
-                f"{path} already holds a run; {go_on}replace it with --overwrite, or choose another {flag}"
-            )
-        for name in (*_MADE, CONFIG, _START):
-            if (path / name).is_dir() and not (path / name).is_symlink():
-                raise RunError(
-                    f"{path / name} is a folder, and a file of the run belongs there; move it away, or choose another "
-                    f"{flag}"
-                )
-
-
-def _is_unused(path: Path) -> bool:
-    """Whether a folder is empty, or holds only what a process left that was killed before it wrote the config."""
-    names = set(os.listdir(path))
-    unfinished = {name for name in names if name == LOCK or files.is_temporary(name)}
-    rest = names - unfinished
-    if LOCK in names:  # only a run's folder has one: what is there besides has stayed when a run was replaced
-        return not rest & {CONFIG, *_MADE} and not has_checkpoints(path / "checkpoints")
-    return not rest or (bool(unfinished) and rest == {_START})
-
-
-def _clear(path: Path) -> None:
-    """Remove a run, and leave what others have put beside and into its folders.
-
-    The config goes last: a process killed meanwhile leaves a run without results, or what `_is_unused`.
-    """
-    remove_all(path / "checkpoints")
-    for folder, pattern in ((path / "distilled", "*"), (path / "tensorboard", "events.out.tfevents.*")):
-        if folder.is_symlink():
-            folder.unlink()
-            continue
-        for made in folder.glob(pattern):
-            if not made.is_dir():
-                made.unlink()
-            elif not made.is_symlink() and is_run(made / CONFIG):
-                _clear(made)
-                _remove_if_empty(made)
-        _remove_if_empty(folder)
-    for name in (*_MADE, CONFIG, _START):
-        (path / name).unlink(missing_ok=True)
-
-
 def _id(env: str) -> str:
-    """An environment's id without the module that registers it."""
+    """Return an environment's id without the module that registers it."""
     return env.rpartition(":")[2]
 
 
-def _remove_if_empty(folder: Path) -> None:
-    with contextlib.suppress(OSError):
-        folder.rmdir()
-
-
-def _flag(distilled: bool) -> str:
-    return "--out" if distilled else "--run-dir"
-
-
-def _written_by(writer: str, path: Path, flag: str | None) -> RunError:
-    another = "" if flag is None else f", or choose another {flag}"
-    return RunError(f"{path} is being written by {writer}; wait until it has ended{another}")
-
-
-def _place(error: OSError, path: Path) -> str:
+def _reason(error: OSError, path: Path) -> str:
     return f"{error.filename or path}: {error.strerror or error}"
