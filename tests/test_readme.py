@@ -32,7 +32,7 @@ HEAD, _, *BODY = rows()
 
 
 def test_the_speed_of_programs_is_as_measured():
-    measured = json.loads((ROOT / "results" / "exports.json").read_text(encoding="utf-8"))
+    measured = json.loads((ROOT / "studies" / "results" / "exports.json").read_text(encoding="utf-8"))
     ns = {name: row["median_ns"] for name, row in measured["decision"].items()}
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     said = text.split("<!-- exports: tests/test_readme.py -->")[1].split("<!-- end exports -->")[0]
@@ -62,7 +62,7 @@ def test_the_fronts_are_those_of_the_results():
 def test_the_rivals_are_as_measured(row):
     slug, nodes = SLUGS[row[0].strip("* ")], []
     for environment, cell in zip(HEAD[1:6], row[1:6], strict=True):
-        (folder,) = (ROOT / "results" / "cells").glob(f"{environment}-v*")
+        (folder,) = (ROOT / "studies" / "results" / "cells").glob(f"{environment}-v*")
         file = folder / f"ppo-{slug}.json"
         if not file.exists():
             assert cell in ("not run", "–")

@@ -1,7 +1,7 @@
-"""Fronts that are kept, ``results/fronts/<task>.json``, and the page made of them, ``docs/fronts.md``.
+"""Fronts that are kept, ``studies/results/fronts/<task>.json``, and the page made of them, ``docs/fronts.md``.
 
-Searches that took only some roads are kept apart, in ``results/fronts/roads``: beside the whole ones they say what each
-road brings.
+Searches that took only some roads are kept apart, in ``studies/results/fronts/roads``: beside the whole ones they
+show what each method brings.
 
 ``python -m studies.galleries.fronts [FOLDER ...]`` keeps what `Front.save` wrote in those folders, and
 writes the page
@@ -51,7 +51,7 @@ _EMPTY = "Nothing has been run yet: `sympol pareto ENV`, then `python -m studies
 
 
 def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
-    """Write fronts into ``results/fronts``; a run replaces one that is there with its seed, the others stay.
+    """Write fronts into ``studies/results/fronts``; a run replaces one that is there with its seed, the others stay.
 
     Raises:
         FrontError: a front was not tested, or a file there is damaged.
@@ -148,7 +148,7 @@ def page(tasks: Sequence[Sequence[Front]], parts: Sequence[Sequence[Sequence[Fro
     """The page; its pictures lie in ``images/fronts``. ``parts`` are as of `write_docs`."""
     said = [
         "# Fronts",
-        "Written by `python -m studies.galleries.fronts` from `results/fronts`; nothing here is typed by hand.",
+        "Written by `python -m studies.galleries.fronts` from `studies/results/fronts`; nothing here is typed by hand.",
     ]
     if not tasks:
         return _END.join([*said, _EMPTY]) + "\n"
@@ -174,7 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """See the module."""
     parser = argparse.ArgumentParser(prog="python -m studies.galleries.fronts", description=__doc__)
     parser.add_argument("folders", nargs="*", type=Path, help="fronts to keep, folders of sympol pareto")
-    parser.add_argument("--root", type=Path, default=Path(), help="the repository, or what else has results/")
+    parser.add_argument("--root", type=Path, default=Path(), help="the repository")
     parser.add_argument("--readme", action="store_true", help="print the gallery of the README")
     given = parser.parse_args(arguments)
     try:
@@ -251,7 +251,7 @@ def _tree_of(fields: dict[str, Any]) -> DecisionTree:
 
 
 def _folder(root: Path) -> Path:
-    return root / "results" / "fronts"
+    return root / "studies" / "results" / "fronts"
 
 
 if __name__ == "__main__":

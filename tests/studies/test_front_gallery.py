@@ -35,7 +35,7 @@ def test_what_is_kept_is_read_again_without_what_was_only_tried(tmp_path):
         replace(ladder(seed, shift=seed / 3), candidates=(Candidate(3, 1.0, "scratch"),)) for seed in (0, 4)
     ]
     [path] = keep(runs, tmp_path)
-    assert path == tmp_path / "results" / "fronts" / "CartPole-v1.json"
+    assert path == tmp_path / "studies" / "results" / "fronts" / "CartPole-v1.json"
     assert load(path) == [replace(run, candidates=()) for run in runs]
     before = path.read_bytes()
     keep([], tmp_path)
@@ -57,7 +57,7 @@ def test_a_run_replaces_that_of_its_seed_and_no_other(tmp_path):
 def test_an_environments_name_is_no_path(tmp_path):
     names = ["sympol/DistShift-Random-v0", "../../outside", "a\\b"]
     written = keep([ladder(environment=name) for name in names], tmp_path)
-    assert {path.parent for path in written} == {tmp_path / "results" / "fronts"}
+    assert {path.parent for path in written} == {tmp_path / "studies" / "results" / "fronts"}
     assert sorted(runs[0].environment for runs in load_all(tmp_path)) == sorted(names)
 
 
@@ -76,7 +76,7 @@ def test_two_tasks_do_not_share_a_file(tmp_path):
 def test_what_was_not_tested_is_not_kept(tmp_path):
     with pytest.raises(FrontError, match="not tested"):
         keep([front([point(1, 5, test=np.nan)])], tmp_path)
-    assert not (tmp_path / "results").exists()
+    assert not (tmp_path / "studies" / "results").exists()
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_searches_by_some_roads_are_kept_apart_and_stand_beside_the_whole_ones(t
     keep([*whole, *alone, with_roads(0, "scratch", "../../evolve", shift=-5)], tmp_path)
     [tasks] = load_all(tmp_path)
     assert [front.seed for front in tasks] == [0, 1]
-    folder = tmp_path / "results" / "fronts" / "roads"
+    folder = tmp_path / "studies" / "results" / "fronts" / "roads"
     assert len([*folder.iterdir()]) == 2  # no road is a path
     parts = load_parts(tmp_path, "CartPole-v1")
     assert [len(runs) for runs in parts] == [2, 1]

@@ -54,7 +54,7 @@ def write_docs(
     images = docs_dir / "images" / "tables"
     parts = [
         "# Tables",
-        "Written by `sympol bench` from the records in `results/cells`; nothing here is typed by hand.",
+        "Written by `sympol bench` from its records; nothing here is typed by hand.",
         f"Unless a table says otherwise: {UNITS}",
         f"All together: {provenance(found.values())}",
         "\n".join(f"- [{table.title}](#{table.name}){_done(table, found)}" for table in tables),

@@ -15,7 +15,7 @@ from ..bench.bench import run
 from ..bench.grids import Grid, grids
 from ..bench.method_specs import Settings, import_all, register_method
 from ..bench.plan import ALL, CellPlan, cells_of, plan_cells, selected, tables_of
-from ..bench.record import Record, load_all
+from ..bench.record import Record, load_all, results_folder
 from ..bench.render import write, write_docs
 from ..bench.summary import by_cell
 from ..bench.tables import Table
@@ -121,7 +121,7 @@ def _say_record(record: Record, path: Path) -> None:
 def _write(given: Bench, whole: Sequence[Table], parts: Sequence[Table]) -> None:
     records = load_all(given.root)
     found = by_cell(records)
-    folder = given.out or given.root / "results" / "tables"
+    folder = given.out or results_folder(given.root) / "tables"
     wide = out if out.is_terminal else Console(width=WIDTH, highlight=False, emoji=False)
     for table, part in zip(whole, parts, strict=True):
         written = write(table, records, folder)

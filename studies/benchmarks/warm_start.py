@@ -1,10 +1,10 @@
 """What training makes of a tree that it starts from, beside a training from scratch that is as long.
 
-    python -m benchmarks.warm_start [ENV ...]
+    python -m studies.benchmarks.warm_start [ENV ...]
 
 CartPole starts from two leaves, as one would write them by hand: lean left, push left; lean right, push right.
 LunarLander starts from a tree of depth 6 that DAgger made of Gymnasium's own controller, which nobody trained. Our
-default presets but for the length. Test episodes on Gymnasium; writes results/warm_start.json.
+default presets but for the length. Test episodes on Gymnasium; writes studies/results/warm_start.json.
 """
 
 from __future__ import annotations

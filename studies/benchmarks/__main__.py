@@ -6,4 +6,4 @@ import subprocess
 import sys
 
 for name in ("hard_tree", "training", "worlds", "returns", "minigrid", "exports", "verify", "arena"):
-    subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], check=True)
+    subprocess.run([sys.executable, "-m", f"studies.benchmarks.{name}"], check=True)

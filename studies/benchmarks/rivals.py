@@ -1,6 +1,8 @@
-"""PPO with an MLP by stable-baselines3 and by rejax: run by benchmarks.training and benchmarks.sb3, a process each.
+"""PPO with an MLP by stable-baselines3 and by rejax.
 
-    python benchmarks/rivals.py sb3|rejax STEPS [ENV SEED]
+`studies.benchmarks.training` and `studies.benchmarks.sb3` run it, a process each:
+
+    python studies/benchmarks/rivals.py sb3|rejax STEPS [ENV SEED]
 
 It needs a virtual environment of its own with `stable-baselines3` and `rejax`: their pins would hold back ours. Prints
 one line of JSON. Imports stand inside the functions because their seconds belong to the measurement.

@@ -1,4 +1,4 @@
-"""Observations of every space; for `benchmarks.fuzz`."""
+"""Observations of every space; for `studies.benchmarks.fuzz`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ask an input, within limits, and say what came of it; for `benchmarks.fuzz`."""
+"""Ask an input, within limits, and say what came of it; for `studies.benchmarks.fuzz`."""
 
 from __future__ import annotations
 

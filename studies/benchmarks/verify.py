@@ -1,4 +1,4 @@
-"""The verifier beside z3: python -m benchmarks.verify
+"""The verifier beside z3: python -m studies.benchmarks.verify
 
 First, ten thousand random questions about random small trees (rules, monotonicity, equality; with and without one-hot
 groups, whole numbers among the features), each put to both: do they agree? Then the time that one question takes about
@@ -14,8 +14,8 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from benchmarks.timing import interleaved, write
 from rich.console import Console
+from studies.benchmarks.timing import interleaved, write
 from tests.trees.samples import ACTIONS, random_grouped_tree, random_tree
 from tests.trees.verify.oracle import Answer, ask, ask_equal, ask_monotone, ask_rule
 

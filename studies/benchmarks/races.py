@@ -1,11 +1,11 @@
 """How much a race is spared where what trees do alike is played once.
 
-    python -m benchmarks.races [--episodes N] [--trees N] [--repeats N]
+    python -m studies.benchmarks.races [--episodes N] [--trees N] [--repeats N]
 
-The best kept trees of LunarLander with at most 63 nodes, one of each search (results/fronts), raced by their random
-questions (`sympol.search.insertions`) and by their cuts (`sympol.search.prunings`): each tree alone
+The best kept trees of LunarLander with at most 63 nodes, one of each search (studies/results/fronts), raced by their
+random questions (`sympol.search.insertions`) and by their cuts (`sympol.search.prunings`): each tree alone
 (`Arena.play`) and all as
-changes of one (`Arena.play_changed`), which brings the same returns. Writes results/races.json.
+changes of one (`Arena.play_changed`), which brings the same returns. Writes studies/results/races.json.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def main() -> None:
     given = parser.parse_args()
     spec, races = resolve(ENVIRONMENT), []
     table = Table("search", "race", "steps", "as changes", "seconds", "as changes")
-    for front in load(ROOT / "results" / "fronts" / f"{ENVIRONMENT}.json"):
+    for front in load(ROOT / "studies" / "results" / "fronts" / f"{ENVIRONMENT}.json"):
         point = front.best(max_nodes=MAX_NODES)
         assert point is not None
         for kind, others in changed(point.tree, spec, given.trees).items():

@@ -1,12 +1,12 @@
 """Trainings killed at random moments end as if they had not been: to the byte.
 
-    python -m benchmarks.kills [--kills 100] [--seed 0] [KIND ...]
+    python -m studies.benchmarks.kills [--kills 100] [--seed 0] [KIND ...]
 
 Small trainings of five kinds, each a process of its own that is ended by SIGKILL: while it starts, in its first
 write, at a save, while it evaluates and draws its tree at the end. Then the same command line goes on by `sympol
 resume` (or begins anew, where no run was there yet), is perhaps killed again, and in the end policy.json, the last
 checkpoint, metrics.csv (but for the two columns of the clock) and the tree's other files are those of a training
-that nobody killed. Writes results/kills.json.
+that nobody killed. Writes studies/results/kills.json.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What commands are told; for `benchmarks.fuzz`."""
+"""What commands are told; for `studies.benchmarks.fuzz`."""
 
 from __future__ import annotations
 

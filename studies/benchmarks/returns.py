@@ -1,9 +1,9 @@
 """What the trees earn: five trainings from scratch an environment, a hundred test episodes each, on Gymnasium.
 
-    python -m benchmarks.returns [ENV ...]
+    python -m studies.benchmarks.returns [ENV ...]
 
 One million steps, our default presets, seeds 0 to 4: none of them was used to choose a hyperparameter (those were 1000
-and up). Writes results/returns.json, every seed in it, beside the paper's numbers.
+and up). Writes studies/results/returns.json, every seed in it, beside the paper's numbers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Malformed inputs for `benchmarks.fuzz`: valid ones that are changed a little, at random from a seed.
+"""Malformed inputs for `studies.benchmarks.fuzz`: valid ones that are changed a little, at random from a seed.
 
 A `Random` is the only source of chance, so that the same seed and number give the same input on every machine.
 """

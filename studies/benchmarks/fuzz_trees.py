@@ -1,4 +1,4 @@
-"""Trees as JSON and as text, and properties of trees; for `benchmarks.fuzz`."""
+"""Trees as JSON and as text, and properties of trees; for `studies.benchmarks.fuzz`."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """How fast trees are compared: steps a second of the arena beside what the environment alone does.
 
-    python -m benchmarks.arena [--trees N] [--episodes N] [--repeats N]
+    python -m studies.benchmarks.arena [--trees N] [--episodes N] [--repeats N]
 
 Many complete trees of 15 and of 63 nodes, drawn at random, each on the same episodes
 (`sympol.search.evaluators.base`); of the
 environments written in JAX in a compiled program, of MiniGrid's small worlds also from tables, of LunarLander in
 machine code beside Gymnasium. One leaf means the same with trees that compare nothing, which is what the environment
 alone does. In turns, the best of all repeats of each, by the clock and by the processor's time: on a shared machine the
-second says more. Writes results/arena.json.
+second says more. Writes studies/results/arena.json.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """CartPole by stable-baselines3's own PPO, its actor a tree: examples/sb3_tree.py on three seeds.
 
-    python -m benchmarks.sb3_tree PYTHON [STEPS]
+    python -m studies.benchmarks.sb3_tree PYTHON [STEPS]
 
-PYTHON is an interpreter that has sympol and stable-baselines3. Writes results/sb3_tree.json.
+PYTHON is an interpreter that has sympol and stable-baselines3. Writes studies/results/sb3_tree.json.
 """
 
 from __future__ import annotations

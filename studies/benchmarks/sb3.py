@@ -1,10 +1,11 @@
 """Our MLP beside stable-baselines3's, PPO both, at the same budget: is the rival of our tables as good as it should be?
 
-    python -m benchmarks.sb3 PYTHON [STEPS]
+    python -m studies.benchmarks.sb3 PYTHON [STEPS]
 
 PYTHON is the interpreter of a virtual environment with stable-baselines3 (its pins would hold back ours). Two tasks,
 three trainings each, 100 test episodes a training; both with the settings of rl-baselines3-zoo, ours also with its
-default preset, which is made for 1 M steps. In turns, so that a busy machine meets both. Writes results/sb3.json.
+default preset, which is made for 1 M steps. In turns, so that a busy machine meets both. Writes
+studies/results/sb3.json.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def ours(env: str, seed: int, steps: int, settings: dict[str, Any]) -> dict[str,
 
 def theirs(python: str, env: str, seed: int, steps: int) -> dict[str, Any]:
     """Train and test stable-baselines3's in a process of its own."""
-    command = [python, str(ROOT / "benchmarks" / "rivals.py"), "sb3", str(steps), env, str(seed)]
+    command = [python, str(ROOT / "studies" / "benchmarks" / "rivals.py"), "sb3", str(steps), env, str(seed)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return json.loads(done.stdout.splitlines()[-1])
 

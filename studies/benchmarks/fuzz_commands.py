@@ -1,4 +1,4 @@
-"""Commands as `benchmarks.fuzz` runs them: in this process, in a folder of their own, by the rule for each.
+"""Commands as `studies.benchmarks.fuzz` runs them: in this process, in a folder of their own, by the rule for each.
 
 What would take long begins, and that is its answer: trainings, searches and tables are not run.
 """
@@ -252,7 +252,7 @@ def _make(folder: Path) -> None:
     before = jax.config.values["jax_disable_most_optimizations"]
     jax.config.update("jax_disable_most_optimizations", True)  # of no use to a moment of training
     tree = sympol.DecisionTree.from_json(
-        (Path(__file__).parents[1] / "tests/golden/trees/cartpole.json").read_text(encoding="utf-8")
+        (Path(__file__).parents[2] / "tests/golden/trees/cartpole.json").read_text(encoding="utf-8")
     )
     spec = sympol.resolve("CartPole-v1")
     tree = replace(tree, actions=spec.actions, **spec.features.reading())

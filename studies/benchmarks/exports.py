@@ -1,13 +1,13 @@
 """What a decision costs in each form a tree is exported to, side by side over a million visited observations.
 
-    python -m benchmarks.exports [RUN] [--sb3 PYTHON]
+    python -m studies.benchmarks.exports [RUN] [--sb3 PYTHON]
 
 RUN holds a tree of CartPole-v1; without one, one is trained (about 20 s). The observations are those the tree meets
 in a million steps of Gymnasium's CartPole. In ten turns, so that a busy machine meets all, each form goes through a
 tenth of them, in rounds short enough that most are not interrupted; what takes microseconds a call through some
 hundreds. Every action is compared with the tree's. PYTHON is the interpreter of a virtual environment with stable-
-baselines3, whose untrained MLP of the usual size is asked one observation a call. Writes results/exports.json and the
-table in docs/guides/exports.md.
+baselines3, whose untrained MLP of the usual size is asked one observation a call. Writes
+studies/results/exports.json and the table in docs/guides/exports.md.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ CHUNK = 10_000
 """Decisions timed at once."""
 FEW = 200
 """Rows of a turn for what is slow."""
-MARKS = "<!-- written by benchmarks/exports.py -->", "<!-- until here -->"
+MARKS = "<!-- written by studies/benchmarks/exports.py -->", "<!-- until here -->"
 
 COMPILERS = {
     "x86-64": ("cc", "size", []),
@@ -176,7 +176,7 @@ def markdown(content: dict[str, Any]) -> str:
     size, machine = content["tree"], content["machine"]
     lines = [
         f"Medians over {content['observations']:,} observations that a tree of {size['nodes']} nodes, depth "
-        f"{size['depth']}, meets in CartPole-v1, in one run (`python -m benchmarks.exports`; "
+        f"{size['depth']}, meets in CartPole-v1, in one run (`python -m studies.benchmarks.exports`; "
         f"{machine['cores']} cores, load {machine['load'][0]:g}, {machine['cpu'].split(' (')[0]}):",
         "",
         "| | ns a decision | least of all rounds |",

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 class Timing(NamedTuple):
@@ -75,9 +75,9 @@ def machine() -> dict[str, Any]:
 
 
 def write(name: str, results: Mapping[str, Any]) -> Path:
-    """Write ``results`` with the machine beside them to results/``name``.json."""
-    path = ROOT / "results" / f"{name}.json"
-    path.parent.mkdir(exist_ok=True)
+    """Write ``results`` with the machine beside them to studies/results/``name``.json."""
+    path = ROOT / "studies" / "results" / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"machine": machine(), **results}, indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
     return path
@@ -86,11 +86,11 @@ def write(name: str, results: Mapping[str, Any]) -> Path:
 def write_environments(
     name: str, settings: Mapping[str, Any], measured: Mapping[str, Mapping[str, Any]]
 ) -> Path:
-    """Write what was measured of some environments; of the others stays what results/``name``.json has.
+    """Write what was measured of some environments; of the others stays what studies/results/``name``.json has.
 
     Each says when and at which commit it was measured, with which settings.
     """
-    path = ROOT / "results" / f"{name}.json"
+    path = ROOT / "studies" / "results" / f"{name}.json"
     before = (
         json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"machine": {}, "environments": {}}
     )
@@ -104,12 +104,12 @@ def write_environments(
 
 
 def _commit() -> str:
-    """The commit, with a mark if src/ or benchmarks/ hold something else."""
+    """The commit, with a mark if src/ or studies/benchmarks/ hold something else."""
 
     def git(*arguments: str) -> str:
         return subprocess.run(("git", *arguments), cwd=ROOT, capture_output=True, text=True).stdout.strip()
 
-    changed = git("status", "--porcelain", "--", "src", "benchmarks")
+    changed = git("status", "--porcelain", "--", "src", "studies/benchmarks")
     return git("rev-parse", "HEAD") + (" (changed)" if changed else "")
 
 

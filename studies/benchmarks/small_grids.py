@@ -1,12 +1,12 @@
 """How near MiniGrid's small trees come to what each episode allows, from every start there is.
 
-    python -m benchmarks.small_grids
+    python -m studies.benchmarks.small_grids
 
-The trees are those that `sympol pareto` found and `results/fronts` keeps: of each run the best of at most so many nodes
-as were asked for. Followed through the world's graph, from each start with its probability: the share of the greatest
-return that a policy with memory and sight of everything could have, and whether it comes to the goal at all. Beside it
-what a policy can reach at most that sees what the tree sees and remembers nothing (`benchmarks.memoryless`). Writes
-results/small_grids.json, and prints what docs/guides/pareto.md shows of it.
+The trees are those that `sympol pareto` found and `studies/results/fronts` keeps: of each run the best of at most
+as many nodes as its target has. Followed through the world's graph, from each start with its probability: the share
+of the greatest return that a policy with memory and sight of everything could have, and whether it reaches the goal.
+Beside it what a policy can reach at most that sees what the tree sees and remembers nothing (`studies.benchmarks.memoryless`).
+Writes studies/results/small_grids.json, and prints what docs/guides/pareto.md shows of it.
 """
 
 from __future__ import annotations
@@ -69,7 +69,9 @@ def markdown(tasks: Mapping[str, Mapping[str, Any]]) -> str:
 
 def main() -> None:
     """Follow, print, write."""
-    bounds = json.loads((ROOT / "results" / "memoryless.json").read_text(encoding="utf-8"))["tasks"]
+    bounds = json.loads((ROOT / "studies" / "results" / "memoryless.json").read_text(encoding="utf-8"))[
+        "tasks"
+    ]
     tasks = {
         fronts[0].environment: measured(
             fronts, target.nodes, bounds.get(fronts[0].environment, {}).get("share_bound")

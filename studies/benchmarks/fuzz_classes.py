@@ -1,4 +1,4 @@
-"""The classes of inputs of `benchmarks.fuzz`."""
+"""The classes of inputs of `studies.benchmarks.fuzz`."""
 
 from __future__ import annotations
 

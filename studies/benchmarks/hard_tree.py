@@ -1,4 +1,4 @@
-"""hard_tree beside autodiff of the textbook product and an MLP: python -m benchmarks.hard_tree
+"""hard_tree beside autodiff of the textbook product and an MLP: python -m studies.benchmarks.hard_tree
 
 Two ways to time a value-and-gradient, variants in turns, the least of many repeats of each:
   call   one jitted value_and_grad called from Python, dispatch included;
@@ -18,10 +18,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from benchmarks.timing import Timing, compile_seconds, interleaved, write
 from jax import Array
 from rich.console import Console
 from rich.table import Table
+from studies.benchmarks.timing import Timing, compile_seconds, interleaved, write
 from tests.functional.oracle import random_tree, textbook_tree
 
 from sympol.functional import hard_tree

@@ -1,13 +1,13 @@
 """Malformed inputs by the thousand: each must be answered or refused in one line.
 
-    python -m benchmarks.fuzz [CLASS ...] [--inputs 10000] [--seed 0]
-    python -m benchmarks.fuzz CLASS --only NUMBER
+    python -m studies.benchmarks.fuzz [CLASS ...] [--inputs 10000] [--seed 0]
+    python -m studies.benchmarks.fuzz CLASS --only NUMBER
 
 Classes: trees as JSON, trees as text, properties to verify, run folders, the flags of every command, observations.
 The rule for each input: an answer, or one line that says what is wrong. Never another exception, never more than a
 few seconds or a bounded amount of memory, never a file lost or written elsewhere, never an escape sequence on the
 terminal. Valid inputs are changed at random; the seed and the number of an input give it again, and ``--only`` asks
-that one alone. Writes results/fuzz.json, and each kind of failure, with its shortest input, to runs/fuzz.
+that one alone. Writes studies/results/fuzz.json, and each kind of failure, with its shortest input, to runs/fuzz.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def keep(name: str, seed: int, found: Found) -> None:
     for old in folder.glob("*.txt"):
         old.unlink()
     for failure in found.failures.values():
-        again = f"python -m benchmarks.fuzz {name} --seed {seed} --only {failure.number}"
+        again = f"python -m studies.benchmarks.fuzz {name} --seed {seed} --only {failure.number}"
         words = f"{failure.kind}\n{again}\n\n{failure.given}\n\n{failure.detail}\n"
         (folder / f"{failure.number}.txt").write_text(words, encoding="utf-8", errors="backslashreplace")
 
@@ -50,7 +50,7 @@ def main() -> None:
     if given.only is not None:
         _only(given.classes, given.seed, given.only)
         return
-    path = ROOT / "results" / "fuzz.json"
+    path = ROOT / "studies" / "results" / "fuzz.json"
     kept = json.loads(path.read_text(encoding="utf-8"))["classes"] if path.exists() else {}
     for name in given.classes or CLASSES:
         began = time.perf_counter()

@@ -1,6 +1,6 @@
 """The reports of three trained policies: how large they are, how fast they open, and what they look like.
 
-    python -m benchmarks.report [RUN...]     writes results/report.json and docs/images/report/*.png
+    python -m studies.benchmarks.report [RUN...]     writes studies/results/report.json and docs/images/report/*.png
 
 Without runs, those in runs/report are taken, and trained first where they are not there: CartPole-v1, LunarLander-v3
 and MiniGrid-DoorKey-5x5-v0, about four minutes on two quiet cores. Two runs of CartPole are compared. Needs chromium

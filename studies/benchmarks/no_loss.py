@@ -1,6 +1,6 @@
 """Is what is read what was trained? Count the observations on which the readers disagree with the trained policy.
 
-    python -m benchmarks.no_loss RUN...        writes results/no_loss.json
+    python -m studies.benchmarks.no_loss RUN...        writes studies/results/no_loss.json
 
 Observations: all there can be, where they are listed (MiniGrid). Elsewhere a million, all within the bounds of the
 space (pruning by bounds is proven there and nowhere else): a third random, a third near visited ones, a third exactly
@@ -135,5 +135,5 @@ def main(runs: list[str]) -> None:
 
 if __name__ == "__main__":
     if not sys.argv[1:]:
-        sys.exit("give the folders of finished runs: python -m benchmarks.no_loss RUN...")
+        sys.exit("give the folders of finished runs: python -m studies.benchmarks.no_loss RUN...")
     main(sys.argv[1:])

@@ -1,11 +1,11 @@
 """How long a training takes, from process start to saved and tested tree, and where the time goes.
 
-    python -m benchmarks.training [--rivals PYTHON]
+    python -m studies.benchmarks.training [--rivals PYTHON]
 
 Runs `sympol train CartPole-v1` for a million steps as a user would, in processes of its own: cold (nothing in the
 compilation cache) and cached; with our preset and with the paper's. Then, inside one process, the seconds until the
 deterministic tree first averages 475 over 100 validation episodes, and how a step's time splits. PYTHON is an
-interpreter that has stable-baselines3 and rejax (benchmarks/rivals.py). Writes results/training.json.
+interpreter that has stable-baselines3 and rejax (studies/benchmarks/rivals.py). Writes studies/results/training.json.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def rivals(python: str, repeats: int) -> dict[str, Any]:
     for name, steps in (("sb3", 100_000), ("rejax", 1_000_000)):
         results[name] = []
         for _ in range(repeats):
-            script = str(ROOT / "benchmarks" / "rivals.py")
+            script = str(ROOT / "studies" / "benchmarks" / "rivals.py")
             done = subprocess.run(
                 [python, script, name, str(steps)], capture_output=True, text=True, check=True
             )

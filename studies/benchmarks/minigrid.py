@@ -1,12 +1,12 @@
 """What MiniGrid's trees earn on Farama's package, beside the best that each episode allows.
 
-    python -m benchmarks.minigrid [ENV ...] [--seeds N] [--timesteps N] [--episodes N]
+    python -m studies.benchmarks.minigrid [ENV ...] [--seeds N] [--timesteps N] [--episodes N]
 
 Five trainings from scratch a task, one million steps, our default presets, seeds 0 to 4. Each pruned, deterministic
 tree plays 100 test episodes; the shortest way from each episode's start, which is known, gives the greatest return
 there is. Then, on the task's graph, whether the tree comes to the goal in time from every start there is (for the
 randomised DistShift: in all 56 layouts), and on every observation that can be reached, whether the policy as trained
-and all its readers act alike. Writes results/minigrid.json, every seed in it, beside the paper's numbers.
+and all its readers act alike. Writes studies/results/minigrid.json, every seed in it, beside the paper's numbers.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import time
 from typing import Any
 
 import numpy as np
-from benchmarks.no_loss import disagreements
 from rich.console import Console
 from rich.table import Table
+from studies.benchmarks.no_loss import disagreements
 from tests.envs.minigrid_worlds import optimal_returns
 
 import sympol

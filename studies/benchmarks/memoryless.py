@@ -1,13 +1,13 @@
 """How good can any policy be that sees 3 × 3 cells and remembers nothing? An exact bound for MiniGrid's small tasks.
 
-    python -m benchmarks.memoryless [ENV ...]
+    python -m studies.benchmarks.memoryless [ENV ...]
 
 A tree gives one action an observation, and in MiniGrid many states look alike, so that the shortest way from each
 start may not be open to it. The best policy of this kind is found as a mixed-integer program: probability flows from
 the starts through the states to the goal, a binary variable says which action an observation gets, and only that
 action may carry flow out of the states that look so. A start may be given up at the price of its whole return. The
 solver's dual bound holds for every deterministic policy without memory, trees or not. Writes
-results/memoryless.json.
+studies/results/memoryless.json.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A training within a limit of size, beside the same training without one, pruned by its return afterwards.
 
-    python -m benchmarks.small_trees [ENV ...]
+    python -m studies.benchmarks.small_trees [ENV ...]
 
 One million steps, our default presets, seeds 1000 to 1002. Each tree plays a thousand validation episodes inside the
-compiled program, by which nothing was chosen. Writes results/small_trees.json.
+compiled program, by which nothing was chosen. Writes studies/results/small_trees.json.
 """
 
 from __future__ import annotations

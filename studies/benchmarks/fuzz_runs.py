@@ -1,4 +1,4 @@
-"""Folders of runs, with files that are changed; for `benchmarks.fuzz`."""
+"""Folders of runs, with files that are changed; for `studies.benchmarks.fuzz`."""
 
 from __future__ import annotations
 
