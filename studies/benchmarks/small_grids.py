@@ -5,7 +5,8 @@
 The trees are those that `sympol pareto` found and `studies/results/fronts` keeps: of each run the best of at most
 as many nodes as its target has. Followed through the world's graph, from each start with its probability: the share
 of the greatest return that a policy with memory and sight of everything could have, and whether it reaches the goal.
-Beside it what a policy can reach at most that sees what the tree sees and remembers nothing (`studies.benchmarks.memoryless`).
+Beside it what a policy can reach at most that sees what the tree sees and remembers nothing
+(`studies.benchmarks.memoryless`).
 Writes studies/results/small_grids.json, and prints what docs/guides/pareto.md shows of it.
 """
 
