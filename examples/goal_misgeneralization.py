@@ -17,8 +17,7 @@ from rich.console import Console
 import sympol
 from sympol.envs.minigrid import random_layouts
 from sympol.envs.minigrid.host import rows_of
-from sympol.film.contact_sheet import strip
-from sympol.film.trajectory_plot import Map, Route, draw_routes
+from sympol.film.stills import Map, Route, contact_sheet, draw_routes
 
 FIXED, RANDOM = "MiniGrid-DistShift1-v0", "sympol/DistShift-Random-v0"
 LAYOUTS = [{"strip2_row": row, "goal": goal} for row, goal in random_layouts()]
@@ -138,7 +137,7 @@ def draw_walk(it, i, env, file):
     """Draw a walk step by step; return the lines of a page about it."""
     played = walk(it.tree, env, LAYOUTS[i], render=True)
     words = [*(f"{step}  {action}" for step, action in enumerate(played.actions, 1)), ENDS[played.end]]
-    strip(played.frames, words).save(file, optimize=True)
+    contact_sheet(played.frames, words).save(file, optimize=True)
     return f"{title(i)}: it {played}.\n\n![{played}](HERE/{file.name})\n"
 
 

@@ -19,7 +19,7 @@ import sympol
 from sympol.play import play
 from sympol.trees.diff import diff
 from sympol.trees.export.c import to_c, to_c_header
-from sympol.trees.override import force
+from sympol.trees.override import override
 
 say = Console(highlight=False, markup=False, soft_wrap=True).print
 
@@ -57,7 +57,7 @@ say(str(trained))
 report("trained", trained)
 
 # 2. Put both rules on top, by hand. It is proven at once that they hold, and what else changed is said.
-ruled = force(force(trained, FAR_RIGHT, "push right").tree, FAR_LEFT, "push left").tree
+ruled = override(override(trained, FAR_RIGHT, "push right").tree, FAR_LEFT, "push left").tree
 report("with the rules forced", ruled)
 visited = play(trained, sympol.resolve(ENV), 20, seed=3, purpose="validation").observations
 say(f"\n{diff(trained, ruled, visited)}")

@@ -15,8 +15,8 @@ import pytest
 
 import sympol
 from sympol.algorithms.config import Config, applies
-from sympol.cli.commands import COMMANDS
-from sympol.cli.parse import parse_train
+from sympol.cli.app import COMMANDS
+from sympol.cli.train import parse_train
 from sympol.runs.metrics import COLUMNS, TensorBoard
 from sympol.runs.run import Run
 from sympol.trees import DecisionTree
@@ -250,7 +250,7 @@ def test_every_field_is_a_flag(tmp_path, monkeypatch, algorithm, policy):
         else:
             words += [f"--{flag}", *map(str, value if isinstance(value, tuple) else (value,))]
     seen = []
-    monkeypatch.setattr("sympol.cli.train.learn", lambda agent, run, *_, **__: seen.append(agent.config) or 0)
+    monkeypatch.setattr("sympol.cli.learn.learn", lambda agent, run, *_, **__: seen.append(agent.config) or 0)
     assert status_of("train", "CartPole-v1", *words, "--run-dir", tmp_path / "run") == 0
     assert dataclasses.asdict(seen[0]) == new
     assert Run.open(tmp_path / "run").config == seen[0]
@@ -261,7 +261,7 @@ def test_the_preset_is_where_flags_fall_back_to(tmp_path, monkeypatch):
 
     seen = []
     monkeypatch.setattr(
-        "sympol.cli.train.learn", lambda agent, run, *_, **__: seen.append((agent.config, run)) or 0
+        "sympol.cli.learn.learn", lambda agent, run, *_, **__: seen.append((agent.config, run)) or 0
     )
     for i, words in enumerate(
         (["CartPole-v1", "--preset", "paper"], ["--preset=paper", "--seed", "3", "CartPole-v1"])
@@ -353,7 +353,8 @@ def test_the_shell_around_the_commands(capsys):
     assert capsys.readouterr().out.count("sympol train CartPole-v1") == 2
     assert status_of("--version") == 0
     assert capsys.readouterr().out == f"sympol {sympol.__version__}\n"
-    assert "unknown command 'tarin'; there are train, show, eval, watch, export" in refused(capsys, "tarin")
+    assert "did you mean train?" in refused(capsys, "tarin")
+    assert "there are train, show, eval, watch, export" in refused(capsys, "cook")
 
 
 def test_tensorboard(tmp_path, capsys, monkeypatch):
@@ -392,7 +393,7 @@ def test_an_environment_that_fails_in_the_middle(trouble, tmp_path, capsys, monk
     assert "Traceback" not in said.err
     assert lines[0].startswith("error: at training step ")
     assert lines[1].startswith("saved at step ")
-    assert lines[1].endswith(f"; go on with: sympol resume {tmp_path / 'run'}")
+    assert lines[1].endswith(f"; resume with: sympol resume {tmp_path / 'run'}")
     monkeypatch.setattr(Troubled, "trouble", None)
     assert status_of("resume", tmp_path / "run", "--json") == 0
     summary = json.loads(capsys.readouterr().out)

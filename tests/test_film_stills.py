@@ -10,15 +10,14 @@ from PIL import Image
 from sympol.envs.minigrid import TASKS, random_layouts
 from sympol.envs.minigrid.cells import OBJECTS
 from sympol.envs.registry import resolve
-from sympol.film.contact_sheet import strip
-from sympol.film.trajectory_plot import COLOURS, Map, Route, draw_routes
+from sympol.film.stills import COLOURS, Map, Route, contact_sheet, draw_routes
 
 SHADES = [Image.new("RGB", (96, 48), (60 * i, 255 - 60 * i, 0)) for i in range(4)]
 WORLD = (("wall", "empty", "goal"), ("lava", "empty", "empty"))
 
 
 def test_a_strip_goes_from_left_to_right_and_from_the_top_down():
-    picture = strip(SHADES, ["a", "b", "c", "d"], columns=3, width=96).convert("RGB")
+    picture = contact_sheet(SHADES, ["a", "b", "c", "d"], columns=3, width=96).convert("RGB")
     assert picture.width == 3 * 96 + 4 * 10
     middles = [(10 + 48, 34), (116 + 48, 34), (222 + 48, 34), (10 + 48, picture.height - 60)]
     assert [picture.getpixel(middle) for middle in middles] == [shade.getpixel((0, 0)) for shade in SHADES]
@@ -26,7 +25,7 @@ def test_a_strip_goes_from_left_to_right_and_from_the_top_down():
 
 
 def test_a_strip_says_words_below_each_frame():
-    said, silent = (strip(SHADES[:1], [words]) for words in ("turn left", ""))
+    said, silent = (contact_sheet(SHADES[:1], [words]) for words in ("turn left", ""))
     assert said.size == silent.size
     assert said.tobytes() != silent.tobytes()
 
@@ -34,7 +33,7 @@ def test_a_strip_says_words_below_each_frame():
 @pytest.mark.parametrize(("frames", "words"), [([], []), (SHADES, ["one"])])
 def test_a_strip_needs_words_for_its_frames(frames, words):
     with pytest.raises(ValueError, match="words for each frame"):
-        strip(frames, words)
+        contact_sheet(frames, words)
 
 
 def colours_in(picture: Image.Image) -> np.ndarray:

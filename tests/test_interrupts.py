@@ -139,7 +139,7 @@ def test_while_the_program_is_compiled_it_ends_at_once_and_without_a_crash(proce
         wait_until(lambda run=run: (run / "config.toml").exists(), begun)
         time.sleep(wait)
         begun.send_signal(signal.SIGINT)
-        assert ended(begun)[-1] == f"nothing is trained yet; go on with: sympol resume {run}"
+        assert ended(begun)[-1] == f"nothing is trained yet; resume with: sympol resume {run}"
 
 
 @pytest.mark.slow
@@ -153,7 +153,7 @@ def test_an_environment_cannot_swallow_it(process, tmp_path, env):
     begun.send_signal(signal.SIGINT)
     said = ended(begun)
     newest = max(int(file.stem) for file in (run / "checkpoints").glob("*.json"))
-    assert said[-1] == f"saved at step {newest:,}; go on with: sympol resume {run} --trust"
+    assert said[-1] == f"saved at step {newest:,}; resume with: sympol resume {run} --trust"
 
 
 @pytest.mark.slow
@@ -163,7 +163,7 @@ def test_machine_code_that_does_not_return_cannot_keep_it(process, tmp_path):
     wait_until(lambda: (run / "config.toml").exists(), begun)
     time.sleep(6)
     begun.send_signal(signal.SIGINT)
-    assert ended(begun)[-1] == f"nothing is trained yet; go on with: sympol resume {run} --trust"
+    assert ended(begun)[-1] == f"nothing is trained yet; resume with: sympol resume {run} --trust"
 
 
 @pytest.mark.slow
@@ -177,7 +177,7 @@ def test_sigterm_waits_for_the_next_save_too(process, tmp_path):
     said = ended(begun, 143)
     assert "stopping at the next save; Ctrl-C again stops at once" in said
     newest = max(int(file.stem) for file in (run / "checkpoints").glob("*.json"))
-    assert said[-1] == f"saved at step {newest:,}; go on with: sympol resume {run} --trust"
+    assert said[-1] == f"saved at step {newest:,}; resume with: sympol resume {run} --trust"
 
 
 def test_python_minus_m_sympol_is_the_command():

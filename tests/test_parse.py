@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sympol.cli.parse import env_kwargs, parse_train
+from sympol.cli.arguments import env_kwargs
+from sympol.cli.train import parse_train
 
 
 @pytest.mark.parametrize(

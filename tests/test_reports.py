@@ -17,8 +17,7 @@ from sympol.algorithms.config import Config
 from sympol.cli.app import main
 from sympol.envs.registry import resolve
 from sympol.evaluate import evaluate_policy
-from sympol.report import compare
-from sympol.report import page as report
+from sympol.report import compare, report
 from sympol.report.episodes import DRAWN, filmed
 from sympol.report.frames import MOST_BYTES, Frames, within_budget
 from sympol.report.page import _telling

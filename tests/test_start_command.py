@@ -12,7 +12,7 @@ import pytest
 
 import sympol
 from sympol import DecisionTree
-from sympol.cli.parse import parse_train
+from sympol.cli.train import parse_train
 from sympol.runs.metadata import RunError
 from sympol.trees.edit import graft
 

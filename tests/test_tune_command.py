@@ -14,7 +14,7 @@ import tomli_w
 import sympol
 from sympol.algorithms.config import ConfigError
 from sympol.algorithms.presets import preset
-from sympol.cli.parse import parse_train
+from sympol.cli.train import parse_train
 from sympol.runs.run import Run
 from sympol.tune import study as module
 from sympol.tune.report import best_trials, save_preset

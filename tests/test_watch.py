@@ -26,7 +26,7 @@ from sympol.film.rendering import rendering
 from sympol.play import play
 from sympol.runs.run import Run
 from sympol.trees import DecisionTree, DiscreteActions
-from sympol.trees.plot_paths import Ways
+from sympol.trees.plot import PathPictures
 
 from .trees.samples import HOSTILE_NAMES
 
@@ -120,31 +120,31 @@ def test_colours_are_those_of_the_pictures(tmp_path):
 def test_the_way_lit_is_that_of_the_observation(tmp_path, monkeypatch):
     """Of every step's observation, and of none at the end."""
     shown: list[Any] = []
-    draw = screen.Screen.draw
+    draw = screen.FrameLayout.draw
 
     def spy(self, shot):
         shown.append(shot)
         return draw(self, shot)
 
-    monkeypatch.setattr(screen.Screen, "draw", spy)
+    monkeypatch.setattr(screen.FrameLayout, "draw", spy)
     film = sympol.watch(BALANCE, "CartPole-v1", tmp_path / "a.webp", seed=3, max_steps=9)
     *steps, end = shown
     spec = resolve("CartPole-v1", backend="host")
     seen = play(BALANCE, spec, 1, seed=3).observations[: len(steps)]
     assert np.array_equal([shot.observation for shot in steps], seen)
     assert (end.observation, end.is_last, film.lengths) == (None, True, [9])
-    said = [shot.said.split("   ")[1] for shot in steps]
+    said = [shot.caption.split("   ")[1] for shot in steps]
     assert said == [BALANCE.actions.words(action)[0] for action in BALANCE.predict(seen)]
     assert [shot.earned for shot in shown] == [f"return {i}.00" for i in range(10)]
-    assert end.said == "stopped after 9 steps"
+    assert end.caption == "stopped after 9 steps"
 
 
 def test_the_tree_is_drawn_once_a_leaf_and_differs_between_leaves(monkeypatch):
     drawn = []
-    way = Ways.way
-    monkeypatch.setattr(Ways, "way", lambda ways, leaf: drawn.append(leaf) or way(ways, leaf))
+    way = PathPictures.path_to
+    monkeypatch.setattr(PathPictures, "path_to", lambda ways, leaf: drawn.append(leaf) or way(ways, leaf))
     frame = screen.env_picture(Image.new("RGB", (8, 8)))
-    on = screen.Screen(frame.size, walker())
+    on = screen.FrameLayout(frame.size, walker())
     pictures = [on.draw(screen.Shot(frame, np.array([x]), "", "", 0)) for x in (-1.0, 1.0, -2.0, 3.0)]
     assert drawn == [1, 2]
     assert pictures[0] == pictures[2] != pictures[1] == pictures[3]
@@ -155,7 +155,7 @@ def test_a_tree_too_large_to_be_made_out_is_left_out(tmp_path):
         np.zeros(511, int), np.arange(511.0), np.eye(2)[np.arange(512) % 2], actions=DiscreteActions(2)
     )
     assert tree.n_nodes > screen.LARGEST_TREE
-    assert screen.Screen((240, 240), tree).size == screen.Screen((240, 240), None).size
+    assert screen.FrameLayout((240, 240), tree).size == screen.FrameLayout((240, 240), None).size
     assert sympol.watch(tree, Walk, tmp_path / "a.gif", max_steps=2).frames == 3
 
 
@@ -224,7 +224,7 @@ def test_large_files_become_smaller(tmp_path, monkeypatch):
 
 def test_hostile_names_do_not_break_pictures(tmp_path):
     frame = Image.new("RGB", (8, 8))
-    alone = screen.Screen(frame.size, None)
+    alone = screen.FrameLayout(frame.size, None)
     for name in (*HOSTILE_NAMES, "x" * 10_000):
         assert alone.draw(screen.Shot(frame, None, name, name, 0)).size == alone.size
     together = " ".join(HOSTILE_NAMES)

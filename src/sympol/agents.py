@@ -326,22 +326,22 @@ class Agent(abc.ABC):
                 if self.has_tree:
                     run.save_tree(self.tree())
 
-    def reading(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, Any]:
         """What readers are told of a tree made of this policy: actions, names and bounds of the features, groups."""
-        return self._reading(self._trained())
+        return self._metadata(self._trained())
 
-    def _reading(self, state: TrainState) -> dict[str, Any]:
+    def _metadata(self, state: TrainState) -> dict[str, Any]:
         features = self.spec.features
         low, high = kept_bounds(features, state)
         actions = self._actions(self._actor(state))
-        return {"actions": actions, **features.reading(), "feature_low": low, "feature_high": high}
+        return {"actions": actions, **features.metadata(), "feature_low": low, "feature_high": high}
 
     def _extract(self, state: TrainState) -> DecisionTree:
         actor = self._actor(state)
         assert isinstance(actor, Tree)
         shift, scale = (np.asarray(part) for part in state.normalizer)
         extract = open_tree if has_limit(self.config) else extract_tree
-        return extract(actor, shift, scale, **self._reading(state))
+        return extract(actor, shift, scale, **self._metadata(state))
 
     def _limited(self) -> DecisionTree:
         """The tree to start from, or as it is trained; within the limit, if there is one."""

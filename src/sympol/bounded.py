@@ -1,7 +1,7 @@
 """JSON and TOML that may come from a stranger, parsed with bounds on their size, their nesting and their memory.
 
-Whatever is wrong with a text is a ValueError that says so in one line; no text makes the parser recurse without end,
-and what is read nests so little that it can be copied, compared, printed and written again by recursion.
+Every fault of a text is a ValueError of one line. No text makes the parser recurse without end, and what is returned
+nests so little that it can be copied, compared, printed and written again by recursion.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MOST_DOTS = 10_000_000
 
 
 def parse_json(text: str, what: str = "the JSON", *, strict: bool = True) -> Any:
-    """Return what a JSON text says; a byte-order mark before it is ignored.
+    """Return the content of a JSON text; a byte-order mark before it is ignored.
 
     Args:
         text: The JSON.
@@ -30,7 +30,7 @@ def parse_json(text: str, what: str = "the JSON", *, strict: bool = True) -> Any
         strict: Whether NaN and Infinity, which are no JSON, are refused.
 
     Raises:
-        ValueError: if it is not JSON, larger than `LARGEST`, or nests deeper than `DEEPEST`.
+        ValueError: It is not JSON, larger than `LARGEST`, or nests deeper than `DEEPEST`.
     """
     _require_size(text, what, LARGEST)
     refuse = _refuse if strict else None
@@ -38,7 +38,7 @@ def parse_json(text: str, what: str = "the JSON", *, strict: bool = True) -> Any
 
 
 def parse_toml(text: str, what: str, where: str = "", most: int = LARGEST) -> dict[str, Any]:
-    """Return what a TOML text says; a byte-order mark before it is ignored.
+    """Return the content of a TOML text; a byte-order mark before it is ignored.
 
     Args:
         text: The TOML.
@@ -47,7 +47,7 @@ def parse_toml(text: str, what: str, where: str = "", most: int = LARGEST) -> di
         most: Its largest number of characters.
 
     Raises:
-        ValueError: if it is not TOML, too large, or nests deeper than `DEEPEST`.
+        ValueError: It is not TOML, too large, or nests deeper than `DEEPEST`.
     """
     _require_size(text, what, most)
     # a key such as a.a.a makes a table for each part, and tomllib keeps every beginning: memory that grows with the

@@ -1,4 +1,4 @@
-"""Compiled programs, kept on disk: the second run starts at once."""
+"""A cache of compiled programs on the disk, so that a second run starts at once."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _PROBE = 1 << 20
 
 
 def cache_folder() -> Path | None:
-    """``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``, made if necessary; None where nothing can be kept.
+    """Return ``$SYMPOL_CACHE_DIR`` or ``~/.cache/sympol``, made if necessary, or None without a usable folder.
 
-    That is where the variable is empty, where this user has no home, and where the folder cannot be written or its disk
-    is full. If the folder is one that the user has named, there is a warning.
+    There is none if the variable is empty, the user has no home, or the folder cannot be written. A warning names a
+    folder of the user's choice that cannot be written.
     """
     named = os.environ.get("SYMPOL_CACHE_DIR")
     if named == "":
@@ -63,7 +63,7 @@ def use_disk_cache() -> None:
 
 
 def in_own_thread(work: Callable[[], T]) -> Future[T]:
-    """Do ``work`` in a thread of its own, which comes to its end even if whoever waits for it is interrupted.
+    """Do ``work`` in a thread of its own, which finishes even if the waiting thread is interrupted.
 
     Where Ctrl-C strikes, JAX stops waiting for a compilation and leaves it to itself. If the process ends then, Python
     takes JAX apart under a thread that still compiles, and the process dies of a segmentation fault. Python waits for

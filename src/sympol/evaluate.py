@@ -1,4 +1,4 @@
-"""What a policy earns on Gymnasium itself, on seeds that training never saw."""
+"""Evaluate policies on Gymnasium, on seeds that training never used."""
 
 from __future__ import annotations
 
@@ -63,13 +63,16 @@ def evaluate_policy(
         model: An agent, a `DecisionTree`, or anything with stable-baselines3's ``predict``.
         env: What to play on: an id, a Gymnasium environment or a function that makes one.
         n_eval_episodes: Number of episodes; each has its own seed out of ``seed``.
-        deterministic: Whether the policy does what it thinks best, or samples.
+        deterministic: Whether the policy takes its best action or samples.
         seed: Another seed, other episodes. No training or validation uses any of them.
         return_episode_rewards: Return the lists of returns and lengths instead.
         render: Write a film of the first episode there, as `watch` does.
 
     Returns:
         Mean and standard deviation of the return over the episodes.
+
+    Raises:
+        ValueError: fewer than one episode, a negative seed, or a policy that does not fit the environment.
     """
     if n_eval_episodes < 1:
         raise ValueError(f"n_eval_episodes must be at least 1, got {n_eval_episodes}")
@@ -102,7 +105,7 @@ def watch(
     max_steps: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Recording:
-    """Play test episodes and write a film: the environment, and beside it the tree with the way taken lit.
+    """Play test episodes and write a film: the environment beside the tree, with the path highlighted.
 
     The episodes are those of `evaluate_policy` with the same seed. Of long ones every n-th step is shown, so that
     the file stays small.
@@ -117,7 +120,10 @@ def watch(
         seed: Another seed, other episodes.
         fps: Steps a second; by default the environment's own pace, slower where there are few.
         max_steps: Cut episodes there.
-        progress: Called with what is being done, in words.
+        progress: Called with a description of each step of the work.
+
+    Returns:
+        What was written, and what was left out.
 
     Raises:
         ValueError: an environment that draws no pictures, or an argument out of bounds.

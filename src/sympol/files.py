@@ -1,8 +1,8 @@
-"""Files written whole or not at all, and files of strangers read up to a bound of their size.
+"""Files that are written whole or not at all, and files of strangers that are read up to a size.
 
-Whatever sympol writes passes `write` or `append`. A new file gets a name that nobody can predict and is renamed when it
-is complete, so that a process killed at any moment leaves the old file or the new one. A symbolic link is never written
-through: it is replaced, and what it points to stays as it is.
+Everything that sympol writes passes `write` or `append`. A new file gets a name that nobody can predict and is renamed
+when it is complete, so that a process killed at any moment leaves the old file or the new one. A symbolic link is never
+written through: it is replaced, and what it points to stays as it is.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 _TEMPORARY = re.compile(r"\.sympol-(\d+)-[0-9a-f]{16}\.tmp")
 """Names of unfinished files, with the number of the process that writes them."""
 _NO_WAIT = sum(getattr(os, name, 0) for name in ("O_CLOEXEC", "O_BINARY", "O_NONBLOCK"))
-"""Opening a pipe does not wait for whoever is at its other end."""
+"""Opening a pipe does not wait for its other end."""
 NO_LINK = _NO_WAIT | getattr(os, "O_NOFOLLOW", 0)
 """Opening a symbolic link fails, too."""
 MOST = 2**26
@@ -26,13 +26,17 @@ MOST = 2**26
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file that is either the old one or the whole new one, whatever happens.
+    """Write a file that is either the old one or the whole new one, at any moment.
 
-    It is on the disk when this returns. Its permissions are those of the file that it replaces; a new one has what the
-    umask leaves. A device or a pipe, such as ``/dev/stdout``, is written to directly.
+    It is on the disk when this returns. It has the permissions of the file that it replaces, or those that the umask
+    leaves. A device or a pipe, such as ``/dev/stdout``, is written to directly.
+
+    Args:
+        path: The file.
+        content: Its content; text is written as UTF-8.
 
     Raises:
-        OSError: it cannot be written; ``filename`` is ``path``.
+        OSError: It cannot be written; ``filename`` is ``path``.
     """
     content = content.encode() if isinstance(content, str) else content
     with _named(path):
@@ -55,10 +59,14 @@ def write(path: Path, content: str | bytes) -> None:
 
 
 def append(path: Path, content: str | bytes) -> None:
-    """Write at the end of a file, which is made where there is none; all of it, or nothing if that fails.
+    """Append to a file, which is made if necessary; all of it, or nothing if that fails.
+
+    Args:
+        path: The file.
+        content: What to append; text is written as UTF-8.
 
     Raises:
-        OSError: it cannot be written; ``filename`` is ``path``.
+        OSError: It cannot be written; ``filename`` is ``path``.
     """
     content = content.encode() if isinstance(content, str) else content
     if path.is_symlink():
@@ -79,11 +87,15 @@ def append(path: Path, content: str | bytes) -> None:
 
 
 def read_text(path: Path, most: int = MOST) -> str:
-    """Read a text in UTF-8, with or without a byte-order mark, of at most so many bytes; line breaks become ``\\n``.
+    """Return a text in UTF-8, with or without a byte-order mark; line breaks become ``\\n``.
+
+    Args:
+        path: The file.
+        most: Its largest size, in bytes.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is no ordinary file, or larger, or not UTF-8.
+        OSError: It cannot be read.
+        ValueError: It is no ordinary file, larger, or not UTF-8.
     """
     try:
         text = read_bytes(path, most).decode("utf-8-sig")
@@ -93,11 +105,15 @@ def read_text(path: Path, most: int = MOST) -> str:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Read a file of at most so many bytes.
+    """Return the content of a file.
+
+    Args:
+        path: The file.
+        most: Its largest size, in bytes.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is no ordinary file (reading a pipe might never end), or larger.
+        OSError: It cannot be read.
+        ValueError: It is no ordinary file (reading a pipe might never end), or larger.
     """
     descriptor = os.open(path, os.O_RDONLY | _NO_WAIT)
     found = os.fstat(descriptor)
@@ -113,12 +129,12 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def is_temporary(name: str) -> bool:
-    """Whether a file of this name is an unfinished one of ours, by this version or an earlier one."""
+    """Return whether a file of this name is an unfinished one of this or an earlier version of sympol."""
     return bool(_TEMPORARY.fullmatch(name)) or (name.startswith(".") and name.endswith((".tmp", ".tmp.svg")))
 
 
 def remove_temporaries(folder: Path) -> None:
-    """Remove the unfinished files of processes that are no longer there."""
+    """Remove the unfinished files of processes that have ended."""
     for file in folder.iterdir() if folder.is_dir() else ():
         found = _TEMPORARY.fullmatch(file.name)
         if found and not _is_alive(int(found[1])):
@@ -133,12 +149,12 @@ def _is_alive(process: int) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:
-        return True  # it is somebody else's
+        return True  # it is another user's
     return True
 
 
 def _is_special(path: Path) -> bool:
-    """Whether this is a device or a pipe, or a name that only the system gives, such as ``/dev/stdout``."""
+    """Return whether a path is a device, a pipe, or a name that only the system gives, such as ``/dev/stdout``."""
     try:
         mode = path.stat().st_mode
     except OSError:
@@ -161,7 +177,7 @@ def _keep_mode(path: Path, descriptor: int) -> None:
 
 @contextlib.contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Let every OSError name the file that was to be written, and no temporary one."""
+    """Make every OSError in the block name the file itself, not a temporary one."""
     try:
         yield
     except OSError as error:

@@ -1,9 +1,9 @@
-"""Ctrl-C in a command: heard at any moment, answered within about a second, never lost.
+"""Ctrl-C in a command: noticed at any moment, answered within about a second, never lost.
 
 Python calls a signal's handler in the main thread, between two bytecodes, and the handler can only raise in whatever
 happens to run there. So a request can be lost in three ways: the main thread is inside machine code that does not
 return (XLA executes a segment), it is inside a callback whose exceptions Python ignores (garbage collection,
-``__del__``), or somebody else's ``except`` catches it (an environment's, a user's). Every request is therefore
+``__del__``), or an ``except`` of other code catches it (an environment's, a user's). Every request is therefore
 remembered before anything is raised, and a process that belongs to a command also has a thread that listens, and that
 ends the process if the main thread does not.
 
@@ -36,11 +36,11 @@ Decide = Callable[[int], bool]
 
 
 class Interrupts:
-    """The signals that this process was sent, and what is done about them."""
+    """The signals sent to this process, and how it answers them."""
 
     def __init__(self) -> None:
         self.at_once = False
-        """Whether the command is to stop at once; a `KeyboardInterrupt` says so too, unless somebody catches it."""
+        """Whether the command is to stop at once; a `KeyboardInterrupt` is raised, too, but may be caught."""
         self._number: int = signal.SIGINT
         self._decide: Decide = lambda number: True
         self._words: Callable[[], str] = lambda: "interrupted"
@@ -49,13 +49,13 @@ class Interrupts:
 
     @property
     def status(self) -> int:
-        """The exit status after the last signal: 130 after Ctrl-C, 143 after SIGTERM."""
+        """Return the exit status after the last signal: 130 after Ctrl-C, 143 after SIGTERM."""
         return 128 + self._number
 
     def listen(self) -> None:
-        """Make this process a command's own: from here on Ctrl-C ends it, whatever the main thread does.
+        """Make this process a command's own: Ctrl-C ends it, whatever the main thread does.
 
-        Until `heard` says what else to do it ends there and then, as is right while modules are imported.
+        Outside of `heard` it ends immediately, as is right while modules are imported.
         """
         self._decide = self._leave_now
         if os.name == "posix":
@@ -71,7 +71,7 @@ class Interrupts:
     def heard(
         self, decide: Decide, *, terms: bool = False, words: Callable[[], str] | None = None
     ) -> Iterator[None]:
-        """Let ``decide`` say what Ctrl-C means meanwhile; in a thread other than the main one, do nothing.
+        """Let ``decide`` answer Ctrl-C within the block; in a thread other than the main one, do nothing.
 
         Args:
             decide: See `Decide`. It may be called while anything else runs, so it must not raise and may not print
@@ -96,11 +96,11 @@ class Interrupts:
                 self.at_once = before_it
 
     def take_last_word(self) -> bool:
-        """Whether nobody has said yet how the command ended; whoever asks first is to say it."""
+        """Return True to the first caller, who prints how the command ended, and False to all later ones."""
         return self._pipe is None or self._last_word.acquire(blocking=False)
 
     def check(self) -> None:
-        """Raise `KeyboardInterrupt` if the command is to stop at once, in case somebody has caught the first."""
+        """Raise `KeyboardInterrupt` if the command is to stop at once, in case the first one was caught."""
         if self.at_once:
             raise KeyboardInterrupt
 
@@ -128,7 +128,7 @@ class Interrupts:
                     _thread.start_new_thread(self._end, ())
 
     def _sent(self) -> bytes:
-        """The signals since somebody last looked: each is seen once, in either thread."""
+        """Return the signals since the last call: each is returned once, in either thread."""
         assert self._pipe is not None
         try:
             sent = os.read(self._pipe, 4096)
@@ -167,7 +167,7 @@ class Interrupts:
         signal.pthread_kill(main, signal.SIGINT)
 
     def _forget(self) -> None:
-        """Undo everything in a process forked from this one, which would write its signals into our pipe."""
+        """Undo everything in a forked child, which would write its signals into the parent's pipe."""
         for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGTERM, signal.SIG_DFL)):
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, usual)
@@ -185,6 +185,6 @@ def say(line: str) -> None:
 
 
 interrupts = Interrupts()
-"""Those of this process."""
+"""The signals of this process."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=interrupts._forget)

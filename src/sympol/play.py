@@ -47,7 +47,7 @@ class Acting(Protocol):
 
 
 class Episodes(NamedTuple):
-    """What a number of episodes brought."""
+    """The returns, lengths and observations of episodes."""
 
     returns: np.ndarray
     lengths: np.ndarray
@@ -86,7 +86,7 @@ def play(
 
 
 class SideBySide(NamedTuple):
-    """What episodes brought that were played side by side, and what was seen in them in the order of playing."""
+    """The results of episodes that were played side by side, with observations in the order of playing."""
 
     returns: np.ndarray
     lengths: np.ndarray
@@ -161,7 +161,7 @@ def limit_of(spec: EnvSpec) -> int:
 
 
 def are_alike(returns: np.ndarray, lengths: np.ndarray) -> bool:
-    """Whether several episodes took equally long and earned the same, as one and the same would."""
+    """Return whether several episodes have equal lengths and returns, as one and the same would."""
     return len(returns) >= FEW and not np.ptp(lengths) and not np.ptp(returns)
 
 

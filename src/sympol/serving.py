@@ -1,4 +1,4 @@
-"""A tree at work elsewhere: with stable-baselines3's ``predict``, and inside a Gymnasium environment."""
+"""Serve a tree: with stable-baselines3's ``predict``, and inside a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ TreeOrPath: TypeAlias = DecisionTree | str | PathLike[str]
 
 @final
 class SymbolicPolicy:
-    """A tree that answers observations as an environment returns them, by stable-baselines3's ``predict``.
+    """A tree that answers observations as an environment returns them, through stable-baselines3's ``predict``.
 
     Args:
         tree: A `DecisionTree`, its JSON file, or the folder of a run.
         env: What is observed and done: an id, an `EnvSpec`, or anything with spaces, such as an environment or a vector
             of them. Then any observation of its space will do, and actions have its dtype and are within its bounds.
             Without one, observations are rows of numbers, in the order of ``tree.feature_names``.
-        seed: Of what is drawn where ``deterministic`` is False.
+        seed: Seeds the actions that are drawn if ``deterministic`` is False.
 
     Raises:
         ValueError: the file holds no tree, or the tree is not for this environment.
@@ -46,10 +46,16 @@ class SymbolicPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        """Return the action for an observation, or actions for a batch of them, and ``state`` as it is.
+        """Return the action for an observation, or actions for a batch of them.
 
-        A batch has its leading axes on every array of the observation. ``episode_start`` is not used: a tree has no
-        memory.
+        Args:
+            observation: One observation of the environment's space; or a batch, with leading axes on every array.
+            state: Returned as it is, for compatibility: a tree has no memory.
+            episode_start: Not used.
+            deterministic: Whether to take the best action or to sample from the leaf's distribution.
+
+        Returns:
+            The action or actions, and ``state``.
 
         Raises:
             ValueError, TypeError: the observation is not of the environment's space, or not what the tree takes.
@@ -64,21 +70,21 @@ class SymbolicPolicy:
 
 
 class Decision(TypedDict):
-    """What a tree says of one observation."""
+    """The decision of a tree in one observation."""
 
     leaf: int
-    """The node that answers."""
+    """The number of the leaf reached."""
     rule: str
-    """Its sentence, as of `DecisionTree.rules`."""
+    """The rule of this leaf, as in `DecisionTree.rules`."""
     action: Any
-    """What it does."""
+    """The action of the tree."""
     overridden: bool
-    """Whether something else was done."""
+    """Whether another action was taken."""
 
 
 @final
 class RecordDecisions(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment in which a tree acts, and tells why: ``step()`` lets it, ``step(action)`` overrules it.
+    """An environment in which a tree acts and explains itself; ``step(action)`` overrules it.
 
     ``info["decision"]`` of a step is the `Decision` that the tree took, or would have taken, on the observation before
     it; ``decision`` is the next one.
@@ -101,7 +107,7 @@ class RecordDecisions(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @property
     def decision(self) -> Decision:
-        """What the tree would do now, and by which rule.
+        """The action that the tree would take now, and its rule.
 
         Raises:
             RuntimeError: before the first ``reset``.
@@ -115,12 +121,27 @@ class RecordDecisions(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode."""
+        """Start an episode.
+
+        Args:
+            seed: As in Gymnasium.
+            options: As in Gymnasium.
+
+        Returns:
+            The first observation, and ``info``.
+        """
         self._observation, info = self.env.reset(seed=seed, options=options)
         return self._observation, info
 
     def step(self, action: Any = None) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Do what the tree says, or ``action`` where it is given."""
+        """Take the tree's action, or another one.
+
+        Args:
+            action: The action to take instead of the tree's.
+
+        Returns:
+            Observation, reward, terminated, truncated, and ``info`` with the `Decision` as ``"decision"``.
+        """
         decision = self.decision
         if action is not None:
             decision["overridden"] = not np.array_equal(action, decision["action"])
@@ -138,7 +159,7 @@ def _read(path: Path) -> DecisionTree:
 
 
 def _spaces(env: Any) -> tuple[Features, gymnasium.Space]:
-    """How what is observed becomes features, and the space of actions."""
+    """Return how observations become features, and the space of actions."""
     if isinstance(env, str):
         env = resolve(env, backend="host")
     if isinstance(env, EnvSpec):
@@ -156,7 +177,7 @@ def _spaces(env: Any) -> tuple[Features, gymnasium.Space]:
 
 
 def _require_fit(tree: DecisionTree, features: Features, space: gymnasium.Space) -> None:
-    """Raise ValueError where a tree sees or does something else than an environment shows and takes."""
+    """Raise ValueError if a tree has other features or actions than an environment."""
     if tree.n_features != len(features.names):
         raise ValueError(
             f"the tree sees {tree.n_features} features {list(tree.feature_names)[:8]}, but the environment shows "
@@ -171,7 +192,7 @@ def _require_fit(tree: DecisionTree, features: Features, space: gymnasium.Space)
 
 
 def _kind(actions: ActionSpec) -> tuple[object, ...]:
-    """What two descriptions have in common if they are of the same actions; names and noise are nobody's concern."""
+    """Return what identifies an action space, without names and noise."""
     if isinstance(actions, BoxActions):
         return BoxActions, actions.shape
     size = actions.n if isinstance(actions, DiscreteActions) else actions.nvec

@@ -1,4 +1,4 @@
-"""Whatever knows what to do as a teacher, and the tree made of it; soft trees as their readers see them."""
+"""Make teachers of agents, models and functions, and trees of teachers; write soft trees for readers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def distill_policy(
     prune: bool = True,
     **options: Any,
 ) -> DecisionTree:
-    """Make a decision tree of a policy that is none, or a smaller one of a tree.
+    """Make a decision tree from another policy, or a smaller one from a tree.
 
     Args:
         teacher: An agent, a `Teacher`, anything with stable-baselines3's ``predict``, or a function from one
@@ -52,12 +52,15 @@ def distill_policy(
             a `Teacher` know by themselves.
         seed: The same seed gives the same tree, bit for bit.
         prune: Leave out what changes no action, as `Agent.tree` does.
-        options: ``max_nodes``, and the method's own, see `sympol.distill.distill`.
+        options: ``max_nodes``, and the method's own; see `sympol.distill.distill`.
+
+    Returns:
+        The tree, pruned unless ``prune`` is False.
 
     Raises:
-        ValueError: a method that does not fit the teacher, a teacher that does not fit the environment or answers
-            what is no action, or an option out of bounds.
-        TypeError: what is no teacher.
+        ValueError: a method that does not fit the teacher, a teacher that does not fit the environment or returns
+            invalid actions, or an option out of bounds.
+        TypeError: an object that cannot be a teacher.
         ImportError: scikit-learn is not installed.
         RuntimeError: an agent that has learnt nothing yet.
     """
@@ -73,7 +76,7 @@ def distill_policy(
 
 
 def default_method(teacher: Any, asked: Teacher) -> str:
-    """What fits: discretize a soft tree, VIPER for whoever has action values, else DAgger."""
+    """Return the default method: discretize for a soft tree, VIPER with action values, otherwise DAgger."""
     if isinstance(teacher, Agent) and has_soft_tree(teacher):
         return DISCRETIZE
     return "dagger" if asked.action_values is None else "viper"
@@ -161,12 +164,12 @@ def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
             f"{agent.config.policy!r}; use the method viper, dagger or sa-dt"
         )
     view = soft_view(agent)
-    tree = discretize(view.actor, view.shift, view.scale, **agent.reading())
+    tree = discretize(view.actor, view.shift, view.scale, **agent.metadata())
     return tree.prune(observations=agent.spec.all_observations()) if prune else tree
 
 
 def has_soft_tree(agent: Agent) -> bool:
-    """Whether the policy is a soft tree, so that `soft_view` can show it."""
+    """Return whether the policy is a soft tree, so that `soft_view` can show it."""
     return agent.config.policy == "sdt"
 
 

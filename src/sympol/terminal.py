@@ -1,4 +1,4 @@
-"""A terminal whose encoding lacks a character, as in the C locale, gets readable ASCII in its place."""
+"""Readable ASCII for characters that a terminal's encoding lacks, as in the C locale."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import unicodedata
 
 _READABLE = "sympol.readable"
-"""How characters are written that a terminal's encoding does not have, as in the C locale."""
+"""Name of the codecs error handler that replaces such characters."""
 _IN_ASCII = {
     **{
         "≤": "<=",
@@ -29,7 +29,7 @@ _IN_ASCII = {
 
 
 def _in_ascii(character: str) -> str:
-    """Write one character so that it can be read in ASCII: ``<=``, ``theta``, ``e`` for é, or its number."""
+    """Return a character in readable ASCII: ``<=``, ``theta``, ``e`` for é, or its number."""
     if character in _IN_ASCII:
         return _IN_ASCII[character]
     kind, *words = unicodedata.name(character, "none").split()
@@ -58,7 +58,7 @@ codecs.register_error(_READABLE, _readable)
 
 
 def write_readable_ascii() -> None:
-    """Let the standard streams write what their encoding has, and readable ASCII for the rest."""
+    """Make the standard streams write readable ASCII for characters that their encoding lacks."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=_READABLE)

@@ -12,7 +12,7 @@ from .agents import Agent, Callback, Report, load_run
 from .algorithms.config import SIZE_LIMITS
 from .play import FEW, Episodes
 from .provenance import versions
-from .runs.progress import decimals
+from .runs.formatting import decimals
 from .runs.run import Run
 from .teachers import has_soft_tree, keep_soft_tree
 
@@ -143,5 +143,5 @@ def training_seconds(run: Run) -> float:
 
 
 def has_run(folder: Path) -> bool:
-    """Whether a run was begun there."""
+    """Return whether a folder contains a run."""
     return (folder / "config.toml").is_file()

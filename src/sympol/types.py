@@ -1,4 +1,4 @@
-"""The few nouns that every room shares."""
+"""Types shared by all packages."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ Action: TypeAlias = Int[Array, "..."] | Float[Array, "..."]
 
 
 class Step(NamedTuple):
-    """What an environment answers to one action, before any reset.
+    """The result of one action, before any reset.
 
-    ``observation`` is the true last observation of an episode that ends here; ``terminated`` says that
-    the task itself ended, ``truncated`` that only the clock did.
+    Attributes:
+        observation: The observation after the action; the true last one if the episode ends here.
+        reward: The reward of the action.
+        terminated: Whether the task itself ended.
+        truncated: Whether only a time limit ended the episode.
     """
 
     observation: Float[Array, "*batch features"]
@@ -26,8 +29,8 @@ class Step(NamedTuple):
 class Transition(NamedTuple):
     """One step of experience; leading axes are ``[num_steps, num_envs]``.
 
-    ``action`` is stored as it was sampled (never clipped, never rounded). ``last_observation``
-    is what the step led to, also when the episode ended there: the next row may already be a new episode.
+    ``action`` is stored as it was sampled, neither clipped nor rounded. ``last_observation`` is the observation after
+    the step, even if the episode ended there: the next row may already belong to a new episode.
     """
 
     observation: Float[Array, "*batch features"]

@@ -30,7 +30,7 @@ from sympol.cli.app import main
 from .fuzz_ask import Broken, TooLong
 from .fuzz_inputs import EVIL
 
-WORK = ("train:learn", "bench:run", "tune:run", "pareto:search")
+WORK = ("cli.learn:learn", "bench.bench:run", "tune.tune:tune", "search.front.search:search")
 """Functions, as the commands know them, that begin what was asked for."""
 LONG = ("play.py", "film", "distill", "report")
 """Where a command may be when it has taken long without breaking the rule: many episodes were asked for."""
@@ -90,7 +90,7 @@ def call(arguments: Sequence[str]) -> Said:
                 stack.enter_context(patch.object(sys, name, stream))
             for work in WORK:
                 module, function = work.split(":")
-                module = import_module(f"sympol.cli.{module}")
+                module = import_module(f"sympol.{module}")
                 stack.enter_context(patch.object(module, function, _begin))
             stack.enter_context(warnings.catch_warnings())
             warnings.simplefilter("default")
@@ -255,7 +255,7 @@ def _make(folder: Path) -> None:
         (Path(__file__).parents[2] / "tests/golden/trees/cartpole.json").read_text(encoding="utf-8")
     )
     spec = sympol.resolve("CartPole-v1")
-    tree = replace(tree, actions=spec.actions, **spec.features.reading())
+    tree = replace(tree, actions=spec.actions, **spec.features.metadata())
     (folder / "tree.json").write_text(tree.to_json(), encoding="utf-8")
     words = ["train", "CartPole-v1", "--eval-episodes", "2"]
     small = {name: value for name, value in TINY.items() if name != "depth"}

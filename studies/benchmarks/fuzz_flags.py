@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import types
 import typing
+from importlib import import_module
 from pathlib import Path
 from random import Random
 from typing import Any, ClassVar, Literal, get_args, get_origin
 
 from sympol.algorithms.config import Config
-from sympol.cli import arguments, diff, explain, export, pareto, report, verify
+from sympol.cli import app
 
 from .fuzz_commands import Box
 from .fuzz_inputs import as_argument, changed_list, changed_text
@@ -20,21 +21,7 @@ class Flags:
     """What a command is told: (its words)."""
 
     kinds: ClassVar[dict[str, type]] = {
-        "train": arguments.Train,
-        "resume": arguments.Resume,
-        "show": arguments.Show,
-        "eval": arguments.Eval,
-        "watch": arguments.Watch,
-        "bench": arguments.Bench,
-        "distill": arguments.Distill,
-        "tune": arguments.Tune,
-        "pareto": pareto.Pareto,
-        "verify": verify.Verify,
-        "explain": explain.Explain,
-        "diff": diff.Diff,
-        "export": export.Export,
-        "report": report.Report,
-        "compare": report.Compare,
+        name: getattr(import_module(f"sympol.cli.{name}"), name.capitalize()) for name in app.COMMANDS
     }
     valid: ClassVar[dict[str, tuple[str, ...]]] = {
         "train": ("CartPole-v1", "--run-dir", "new"),

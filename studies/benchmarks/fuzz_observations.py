@@ -120,7 +120,7 @@ def _acting(observed: gymnasium.Space, acted: gymnasium.Space) -> Any:
         np.full(3, 0.5, np.float32),
         rng.normal(size=(4, spec.actions.n_outputs)),
         actions=spec.actions,
-        **spec.features.reading(),
+        **spec.features.metadata(),
     )
     return sympol.PPO("tree", env, start=tree, depth=2)
 

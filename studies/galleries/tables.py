@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from sympol.results.number_format import given, number
 from sympol.results.table_formats import in_markdown, pipe_table
-from sympol.runs.progress import decimals
+from sympol.runs.formatting import decimals
 from sympol.search.front.aggregate import AtMost, require_one_task, sizes_of, summarise
 from sympol.search.front.front import Front, Point
 from sympol.search.front.tables import cost_line, short_count

@@ -24,7 +24,7 @@ from sympol.envs.registry import resolve
 from sympol.policies.embed import places
 from sympol.policies.tree import Tree
 from sympol.trees import BoxActions, DiscreteActions, Group, MultiDiscreteActions
-from sympol.trees.override import force
+from sympol.trees.override import override
 from sympol.trees.verify import Property, verify
 from sympol.types import Transition
 from tests.tiny import TINY, Chain, quick_compiles
@@ -160,7 +160,7 @@ def test_a_rule_forced_on_top_holds_to_the_end():
     )
     condition = "pole angle > 0 and cart position > -1"
     rule = Property(f"when {condition} then action is push left", within_bounds=False)
-    forced = force(left, condition, "push left")
+    forced = override(left, condition, "push left")
     fast = {"learning_rate_thresholds": 0.3, "learning_rate_leaf_values": 0.3}
     for freeze in (forced.nodes, condition):
         begun = agent(Start(forced.tree, critic_warmup=0.0), freeze=freeze, depth=5, **fast)

@@ -106,7 +106,7 @@ def test_what_cannot_be_scaled_ends_the_training_at_once(kind: str, unit: float,
     if how.get("start"):
         small = sympol.PPO("tree", InJax(1.0), num_evals=1, **TRAINING)
         how = {"start": sympol.DecisionTree.from_complete(
-            np.array([0]), np.array([0.0]), np.eye(2), actions=small.spec.actions, **small.spec.features.reading()
+            np.array([0]), np.array([0.0]), np.eye(2), actions=small.spec.actions, **small.spec.features.metadata()
         )}  # fmt: skip
     agent = sympol.PPO("tree", made(kind, unit), num_evals=1, **TRAINING, **how)
     with pytest.raises(EnvironmentFailure, match=r"x\[\d\]|not finite") as error:

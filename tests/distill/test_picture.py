@@ -18,7 +18,7 @@ from sympol.distill.soft_text import leaf_words, node_words, soft_text
 from sympol.distill.soft_view import SoftView, in_preorder, percent
 from sympol.policies.soft_tree import SoftTree
 from sympol.trees.actions import BoxActions, DiscreteActions, MultiDiscreteActions
-from sympol.trees.plot_page import lay_out
+from sympol.trees.plot_layout import lay_out
 
 ACTIONS: dict[str, Any] = {
     "discrete": DiscreteActions(2, ("push left", "push right")),

@@ -39,7 +39,7 @@ def balancing() -> DecisionTree:
         np.array([0.0]),
         np.array([[9.0, 0.0], [0.0, 9.0]]),
         actions=cartpole.actions,
-        **cartpole.features.reading(),
+        **cartpole.features.metadata(),
     )
 
 

@@ -92,7 +92,7 @@ def forward() -> Any:
     return run
 
 
-def reading(tree: DecisionTree) -> dict[str, Any]:
+def metadata(tree: DecisionTree) -> dict[str, Any]:
     names = ("actions", "feature_names", "feature_low", "feature_high", "groups", "integers")
     return {name: getattr(tree, name) for name in names}
 
@@ -124,7 +124,7 @@ def test_embedded_trees_act_as_they_did_on_a_million_observations(name, grouped)
         for outputs in ways:
             np.testing.assert_array_equal(np.asarray(outputs), value)
         np.testing.assert_array_equal(actions.decide(value), tree.predict(x))
-        again = extract_tree(settled, *map(np.asarray, normalizer), **reading(tree))
+        again = extract_tree(settled, *map(np.asarray, normalizer), **metadata(tree))
         np.testing.assert_array_equal(again.value[again.apply(x)], value)
         same_splits(tree, again)
         told_apart += len(np.unique(tree.apply(x)))

@@ -191,7 +191,7 @@ def test_a_run_is_replaced_only_when_asked(run, capsys):
 def test_resume_takes_no_other_settings(run, capsys):
     capsys.readouterr()
     line = refused(capsys, "train", *TRAIN, "--depth", "4", "--seed", "9", "--run-dir", run, "--resume")
-    assert "was begun with seed 0, not 9, depth 3, not 4; to go on with it as it was: sympol resume" in line
+    assert "was begun with seed 0, not 9, depth 3, not 4; to resume it as it was: sympol resume" in line
     line = refused(capsys, "train", *TRAIN, "--resume")
     assert "--resume needs the folder to go on in, as --run-dir" in line
     assert status_of("train", *TRAIN, "--run-dir", run, "--resume") == 0

@@ -87,7 +87,7 @@ def test_interrupted_it_saves_says_how_to_go_on_and_does(uninterrupted, tmp_path
     assert out == ""
     assert "Traceback" not in err
     way_on = " ".join(["sympol", *resume_words(env, run)])
-    assert err.splitlines()[-1] == f"saved at step {newest(run):,}; go on with: {way_on}"
+    assert err.splitlines()[-1] == f"saved at step {newest(run):,}; resume with: {way_on}"
     assert status_of(*resume_words(env, run)) == 0
     assert_same(run, whole)
 
@@ -98,7 +98,8 @@ def test_interrupted_twice_it_stops_at_once(tmp_path, monkeypatch, capsys):
     run = tmp_path / "run"
     assert status_of("train", *TRAIN, "--run-dir", run) == 130
     assert (
-        capsys.readouterr().err.splitlines()[-1] == f"nothing is trained yet; go on with: sympol resume {run}"
+        capsys.readouterr().err.splitlines()[-1]
+        == f"nothing is trained yet; resume with: sympol resume {run}"
     )
     monkeypatch.undo()
     assert status_of("resume", run) == 0

@@ -315,7 +315,7 @@ def test_a_disk_that_fails_in_a_training_is_one_line_with_the_way_on(unfinished,
     said = capsys.readouterr().err
     last = said.splitlines()[-1]
     assert last.startswith(f"error: cannot write {run / 'checkpoints'}/")
-    assert last.endswith(f": File too large; see to that, then go on with: sympol resume {run}")
+    assert last.endswith(f": File too large; see to that, then resume with: sympol resume {run}")
     assert "Traceback" not in said
     assert sorted(os.listdir(run / "checkpoints")) == before
     assert status_of("resume", run) == 0
@@ -359,7 +359,7 @@ def test_something_in_the_way_is_named(unfinished, capsys, name):
     assert status == 1
     words = capsys.readouterr().err.splitlines()[-1]
     assert (
-        f"cannot write {unfinished / name}: Is a directory; see to that, then go on with: sympol resume"
+        f"cannot write {unfinished / name}: Is a directory; see to that, then resume with: sympol resume"
         in words
     )
     assert (unfinished / name / "mine").exists()

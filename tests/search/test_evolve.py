@@ -16,7 +16,7 @@ from sympol.trees import DecisionTree
 
 SPEC = resolve("CartPole-v1")
 LEAF = DecisionTree.from_complete(
-    np.zeros(0, int), np.zeros(0), np.zeros((1, 2)), actions=SPEC.actions, **SPEC.features.reading()
+    np.zeros(0, int), np.zeros(0), np.zeros((1, 2)), actions=SPEC.actions, **SPEC.features.metadata()
 )
 
 
@@ -110,7 +110,7 @@ def test_a_large_start_leads_to_small_trees_and_none_is_larger_than_asked():
     rng = np.random.default_rng(0)
     start = DecisionTree.from_complete(
         rng.integers(0, 4, 15), rng.normal(size=15), rng.normal(size=(16, 2)),
-        actions=SPEC.actions, **SPEC.features.reading(),
+        actions=SPEC.actions, **SPEC.features.metadata(),
     )  # fmt: skip
     found = evolve(Told(SPEC, 0), [start], max_nodes=9, budget=Budget(steps=200_000), episodes=8)
     assert {tree.n_nodes for tree in found.trees} <= {1, 3, 5, 7, 9}

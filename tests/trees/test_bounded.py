@@ -18,9 +18,8 @@ import pytest
 from sympol.cli.tree_io import tree_from
 from sympol.runs.metadata import RunError
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
-from sympol.trees.coverage import nodes_met
 from sympol.trees.diff import diff
-from sympol.trees.override import force
+from sympol.trees.override import nodes_reached_by, override
 from sympol.trees.sufficient_reason import smallest_hitting_set
 from sympol.trees.text import leaf_conditions, rules
 from sympol.trees.verify import Property, equal, read_properties
@@ -113,8 +112,8 @@ def test_a_condition_that_nests_deeply_is_refused(cartpole, nested):
     for asked in (
         lambda: cartpole.verify(f"when {condition} then action is 1"),
         lambda: cartpole.verify(f"{nested}action is 1{')' * nested.count('(')}"),
-        lambda: force(cartpole, condition, 1),
-        lambda: nodes_met(cartpole, condition),
+        lambda: override(cartpole, condition, 1),
+        lambda: nodes_reached_by(cartpole, condition),
     ):
         with pytest.raises(ValueError, match="the rule nests too deeply"):
             asked()

@@ -7,8 +7,7 @@ import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions, Group
 from sympol.trees.boxes import Boxes, leaf_boxes, node_boxes, space, unreachable_leaves
-from sympol.trees.floats import SMALLEST_NORMAL, next_above, next_below
-from sympol.trees.simplest_float import readable
+from sympol.trees.floats import SMALLEST_NORMAL, next_above, next_below, simplest_float
 
 from .samples import ACTIONS, consistent, every_cell, random_grouped_tree, random_tree, telling_observations
 
@@ -114,7 +113,7 @@ def test_between_neighbours_there_is_nothing():
     ],
 )
 def test_readable_numbers(low, high, expected):
-    assert readable(float(np.float32(low)), float(np.float32(high))) == np.float32(expected)
+    assert simplest_float(float(np.float32(low)), float(np.float32(high))) == np.float32(expected)
 
 
 def test_readable_numbers_are_in_their_intervals():
@@ -122,7 +121,7 @@ def test_readable_numbers_are_in_their_intervals():
     bits = rng.integers(0, 2**32, 20_000, np.uint32).view(np.float32)
     ends = bits[~np.isnan(bits) & ~((np.abs(bits) < SMALLEST_NORMAL) & (bits != 0))]
     for x in ends.tolist():
-        assert readable(x, x) == x
+        assert simplest_float(x, x) == x
         above = float(next_above(x))
-        assert x <= readable(x, above) <= above
-    assert np.isnan(readable(1, 0))
+        assert x <= simplest_float(x, above) <= above
+    assert np.isnan(simplest_float(1, 0))

@@ -8,7 +8,7 @@ from sympol.trees import DecisionTree, DiscreteActions
 from sympol.trees.boxes import space
 from sympol.trees.diff import diff, regions
 from sympol.trees.edit import cut, graft, set_action, set_feature, set_threshold, split_tree
-from sympol.trees.override import force
+from sympol.trees.override import override
 from sympol.trees.verify.conditions import boxes_of
 from sympol.trees.verify.grammar import parse_condition
 
@@ -160,7 +160,7 @@ def test_thresholds_that_training_moved_are_told_one_by_one(cartpole):
 
 
 def test_a_forced_rule_is_told_by_what_it_changes(cartpole):
-    forced, _ = force(cartpole, "pole angle > 0.25 and cart position > 1", "push left")
+    forced, _ = override(cartpole, "pole angle > 0.25 and cart position > 1", "push left")
     where = "Where cart position > 1 and pole angle > 0.25 and pole angular velocity"
     assert diff(cartpole, forced).sentences == (
         f"{where} ≤ -0.05: push right becomes push left.",

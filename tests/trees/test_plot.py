@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions, Group
-from sympol.trees.layout import levels, tidy
-from sympol.trees.plot import MOST_NODES, arrange
+from sympol.trees.plot import MOST_NODES, PathPictures, arrange
 from sympol.trees.plot_boxes import INK
 from sympol.trees.plot_grid_view import ViewBox, glyph
-from sympol.trees.plot_paths import Ways
+from sympol.trees.plot_layout import levels, tidy
 from sympol.trees.text import question
 
 from .samples import ACTIONS, HOSTILE_NAMES, chain, random_tree
@@ -226,19 +225,19 @@ def test_ways_are_drawn_over_the_pale_tree_as_a_picture_of_their_own_would_be(fr
         (front, np.column_stack([np.zeros(4), np.eye(4), np.zeros(4)])),
         (cartpole, np.eye(4)),
     ):
-        ways = Ways(tree, most_pixels=(9000, 9000), dpi=90)
+        pictures = PathPictures(tree, most_pixels=(9000, 9000), dpi=90)
         for x in observations:
-            way = ways.way(int(tree.apply(x)))
-            assert np.array_equal(way, ways.way(int(tree.apply(x))))
+            way = pictures.path_to(int(tree.apply(x)))
+            assert np.array_equal(way, pictures.path_to(int(tree.apply(x))))
             # the rims of the pale lines below shine through
             assert np.abs(way - apart(tree, x)).mean() < 0.3
             assert np.abs(way - apart(tree, None)).mean() > 3
-        assert np.array_equal(ways.whole(), apart(tree, None))
+        assert np.array_equal(pictures.whole(), apart(tree, None))
 
 
 def test_ways_of_large_trees_fit_all_the_same():
     tree = random_tree(np.random.default_rng(0), ACTIONS["discrete"], depth=7)
-    ways = Ways(tree, most_pixels=(300, 200), dpi=90)
-    height, width, _ = ways.way(int(np.flatnonzero(tree.is_leaf)[0])).shape
+    pictures = PathPictures(tree, most_pixels=(300, 200), dpi=90)
+    height, width, _ = pictures.path_to(int(np.flatnonzero(tree.is_leaf)[0])).shape
     assert (width == 300 or height == 200, width <= 300, height <= 200) == (True, True, True)
-    assert ways.whole().shape == (height, width, 3)
+    assert pictures.whole().shape == (height, width, 3)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions, Group
-from sympol.trees.plot_fonts import style_for
-from sympol.trees.plot_paths import Ways
+from sympol.trees.plot import PathPictures
+from sympol.trees.plot_style import style_for
 
 CHINESE, LETTER = "水位", "\N{MATHEMATICAL SANS-SERIF SMALL G}"
 
@@ -41,10 +41,10 @@ def test_boxes_are_announced_once(tmp_path, suffix):
 
 def test_films_announce_them_once():
     with pytest.warns(UserWarning, match="no font on this machine") as said:
-        ways = Ways(named(CHINESE), most_pixels=(400, 400), dpi=50)
+        pictures = PathPictures(named(CHINESE), most_pixels=(400, 400), dpi=50)
     assert len(said) == 1
-    ways.whole()  # without another one
-    ways.way(1)
+    pictures.whole()  # without another one
+    pictures.path_to(1)
 
 
 def test_nothing_is_said_of_what_the_font_has(tmp_path):

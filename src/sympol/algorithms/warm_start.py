@@ -16,7 +16,7 @@ from ..policies.embed import embed, leaf_logits, places
 from ..policies.tree import Tree
 from ..trees import DecisionTree
 from ..trees.actions import ActionSpec, BoxActions
-from ..trees.coverage import nodes_met
+from ..trees.override import nodes_reached_by
 from .config import Config
 from .knobs import ConfigError
 from .state import Normalizer, TrainState, Warm
@@ -69,7 +69,7 @@ class Start:
         actions = spec.actions
         if isinstance(actions, BoxActions) and isinstance(tree.actions, BoxActions):
             actions = replace(actions, std=tree.actions.std)
-        return replace(self, tree=replace(tree, actions=actions, **features.reading()))
+        return replace(self, tree=replace(tree, actions=actions, **features.metadata()))
 
     def check(self, config: Config) -> None:
         """Raise ConfigError unless a policy of this config can start from the tree."""
@@ -146,7 +146,7 @@ def start_of(start: DecisionTree | Start | None, freeze: Iterable[int] | str, sp
             raise ValueError(f"freeze is about the tree to start from: give start, too; got {freeze!r}")
         return None
     fitted = (Start(start) if isinstance(start, DecisionTree) else start).fitted(spec)
-    nodes = nodes_met(fitted.tree, freeze) if isinstance(freeze, str) else freeze
+    nodes = nodes_reached_by(fitted.tree, freeze) if isinstance(freeze, str) else freeze
     return replace(fitted, freeze=(*fitted.freeze, *nodes))
 
 

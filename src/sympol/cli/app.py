@@ -1,38 +1,56 @@
-"""``sympol``: the command line.
+"""The command line, ``sympol``: one line for each command here, and one module beside it.
 
-The commands are thin: each parses its arguments, calls the verbs, and prints.
+A command's module holds its arguments and a function ``run``, which takes the words after the command's name and
+returns the exit status. Modules are imported when their command runs, and import only what its arguments need. What
+plays, draws or trains is imported where it is used, so that reading a tree waits for neither JAX nor Matplotlib.
 """
 
 from __future__ import annotations
 
+import difflib
 import logging
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 
 from ..interrupts import interrupts, say
 from ..terminal import write_readable_ascii
 
 _INTERRUPTED = {128 + signal.SIGINT, 128 + signal.SIGTERM}
 
-USAGE = """\
+COMMANDS = {
+    "train": ("CartPole-v1", "train a tree, print it and save it in a folder, the run"),
+    "show": ("RUN", "print the tree of a run"),
+    "eval": ("RUN", "play test episodes on Gymnasium"),
+    "watch": ("RUN", "film an episode beside the tree, its path highlighted"),
+    "export": ("RUN", "write the tree as a program (Python, C, Rust, JavaScript, SQL), a model or a picture"),
+    "report": ("RUN", "write a web page: the tree, episodes, sliders, returns; it opens from disk"),
+    "compare": ("RUN RUN ...", "write a web page: several policies on the same episodes"),
+    "verify": ("RUN", "prove what the policy always does or never does, or find where it does not"),
+    "explain": ("RUN", "explain an action in one state, and what would change it"),
+    "diff": ("RUN RUN", "list how two trees differ, and in which states"),
+    "resume": ("RUN", "continue an interrupted training"),
+    "distill": (
+        "TEACHER",
+        "distill an MLP, a soft tree, a stable-baselines3 model or a function into a tree",
+    ),
+    "pareto": ("CartPole-v1", "search the best small trees: return against size"),
+    "bench": ("TABLE", "run what a table of the paper lacks, and write it: control-ppo, minigrid, ..."),
+    "tune": ("CartPole-v1", "search hyperparameters; the best become a preset"),
+}
+"""Each command's arguments and purpose; its module has its name."""
+
+
+def usage() -> str:
+    """Return the help of ``sympol``."""
+    calls = {f"sympol {name} {arguments}": purpose for name, (arguments, purpose) in COMMANDS.items()}
+    width = max(map(len, calls))
+    listed = "\n".join(f"  {call:<{width}}  {purpose}" for call, purpose in calls.items())
+    return f"""\
 sympol: reinforcement learning whose policy is a decision tree you can read
 
-  sympol train CartPole-v1     train a tree; it is shown at the end and kept in a folder, the run
-  sympol show RUN              the tree of a run, as text
-  sympol eval RUN              play test episodes on Gymnasium
-  sympol watch RUN             a film of an episode, beside it the tree with the way taken lit
-  sympol export RUN            the tree as a program (Python, C, Rust, JavaScript, SQL), a model or a picture
-  sympol report RUN            a web page: the tree, episodes, sliders, returns; open it from disk
-  sympol compare RUN RUN ...   a web page: several policies on the same episodes
-  sympol verify RUN            prove what the policy always does, or never; find where it does not
-  sympol explain RUN           why it acts as it does in one state, and what would make it act otherwise
-  sympol diff RUN RUN          what is different between two trees, in words, and in the states one visits
-  sympol resume RUN            go on with an interrupted training
-  sympol distill TEACHER       make a tree of an MLP, a soft tree, a stable-baselines3 model or any function
-  sympol pareto CartPole-v1    the best small trees: return against size, from which to choose
-  sympol bench TABLE           run what a table of the paper lacks, and write it: control-ppo, minigrid, ...
-  sympol tune CartPole-v1      search hyperparameters; the best become a preset
+{listed}
 
 Each has --help. Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
 MountainCarContinuous-v0 and most of MiniGrid (MiniGrid-DoorKey-5x5-v0, ...) train inside one compiled
@@ -41,16 +59,20 @@ program, LunarLander-v3 in machine code.
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return the exit status: 0 good, 1 failed, 2 bad input, 130 interrupted.
+    """Run one command.
 
-    Without ``argv`` the words are the process's own and the process is the command's: Ctrl-C ends it at any moment.
+    Args:
+        argv: The words after ``sympol``. By default those of the process, which is then the command's own: Ctrl-C ends
+            it at any moment.
+
+    Returns:
+        The exit status: 0 after success, 1 after a failure, 2 after bad input, 130 after Ctrl-C.
     """
     if argv is not None:
         return _run(list(argv))
     interrupts.listen()
-    logging.getLogger("matplotlib").setLevel(
-        logging.ERROR
-    )  # without a home it keeps nothing, and need not say so
+    # without a home Matplotlib has no cache, which nobody needs to be told
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         status = _run(sys.argv[1:])
     except SystemExit as stop:
@@ -68,24 +90,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     return status
 
 
-def _run(arguments: list[str]) -> int:
+def _run(words: list[str]) -> int:
     write_readable_ascii()
-    if not arguments or arguments[0] in ("-h", "--help", "help"):
-        print(USAGE, end="")
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(usage(), end="")
         return 0
-    if arguments[0] == "--version":
+    if words[0] == "--version":
         from .. import __version__
 
         print(f"sympol {__version__}")
         return 0
-    from .commands import COMMANDS
-
-    command: Callable[[Sequence[str]], int] | None = COMMANDS.get(arguments[0])
-    if command is None:
-        print(f"error: unknown command {arguments[0]!r}; there are {', '.join(COMMANDS)}", file=sys.stderr)
+    name = words[0]
+    if name not in COMMANDS:
+        near = difflib.get_close_matches(name, COMMANDS)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(COMMANDS)}"
+        print(f"error: unknown command {name!r}; {hint}", file=sys.stderr)
         return 2
-    with interrupts.heard(lambda number: True):  # from here on there may be something to close
-        return command(arguments[1:])
+    from .console import one_line_errors
+
+    with interrupts.heard(lambda number: True), one_line_errors():  # from here on there may be files to close
+        return import_module(f".{name}", __package__).run(words[1:])
 
 
 if __name__ == "__main__":

@@ -1,39 +1,104 @@
-"""The command that makes tables: what they lack is run, then they are written and shown."""
+"""``sympol bench``: the tables of the paper; what they lack is run."""
 
 from __future__ import annotations
 
 import os
 import shlex
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
+import tyro
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Shown
 
-from ..bench.bench import run
-from ..bench.grids import Grid, grids
-from ..bench.method_specs import Settings, import_all, register_method
-from ..bench.plan import ALL, CellPlan, cells_of, plan_cells, selected, tables_of
-from ..bench.record import Record, load_all, results_folder
-from ..bench.render import write, write_docs
-from ..bench.summary import by_cell
-from ..bench.tables import Table
-from ..parallel import Failure
-from ..results.seeds import TRAINING
 from ..threads import use_one_thread
-from .arguments import Bench
-from .console import err, one_line_errors, out, print_error, warnings_in_one_line
-from .parse import parse
+from .arguments import Text, parse
+from .console import err, out, print_error
+
+if TYPE_CHECKING:
+    from ..bench.grids import Grid
+    from ..bench.plan import CellPlan
+    from ..bench.record import Record
+    from ..bench.tables import Table
+    from ..parallel import Failure
 
 WIDTH = 200
 """Of a table that is written to a file, or into a pipe."""
 
 
-@one_line_errors()
-def bench(arguments: Sequence[str]) -> int:
-    """``sympol bench``."""
-    given = parse(Bench, "bench", arguments)
+@dataclass
+class Bench:
+    """Run what a table lacks, and write it: Markdown, LaTeX, CSV and plots, the paper's numbers beside ours.
+
+    Each cell is some trainings, ordinary run folders, and ends as one small file in ROOT/results/cells. A finished
+    cell is never run again unless its config has changed; what was interrupted (Ctrl-C) goes on where it was.
+
+    What there is to do, and what it would take the place of: sympol bench control-ppo --list
+
+    The paper's first table on two processors: sympol bench control-ppo --workers 2
+
+    Your environment: sympol bench control-ppo --environments my_package:My-v0
+
+    Your method beside ours: sympol bench control-ppo --methods tree mlp mine=my_package.method:train
+    """
+
+    table: Annotated[Text, tyro.conf.arg(metavar="TABLE")]
+    """control-ppo, control-a2c, ppo-vs-a2c, minigrid, information-loss, viper-control, viper-minigrid, tree-size,
+    ablation, runtime, training-curves, or all."""
+
+    environments: tuple[str, ...] = ()
+    """Only these, or others in their place: any Gymnasium id."""
+
+    methods: tuple[str, ...] = ()
+    """Only these, or others in their place: tree, mlp, sdt, d-sdt, sa-dt-5, sa-dt-8, viper-5, viper-8, dagger-5,
+    dagger-8, tree-paper, mlp-paper, sdt-paper; NAME=MODULE:FUNCTION for one of your own."""
+
+    variants: tuple[str, ...] = ()
+    """Only these ablations, such as static-batch."""
+
+    trainings: int = 5
+    """Of each cell; their seeds are 0, 1, ..."""
+
+    episodes: int = 100
+    """Test episodes of each training on Gymnasium; as many in which actions are sampled, and for validation."""
+
+    total_timesteps: int = 1_000_000
+    """Environment steps of each training."""
+
+    workers: int = 1
+    """Processes on this machine."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""
+
+    root: Path = Path()
+    """Where results/cells, results/tables, runs/bench and docs are."""
+
+    runs: Path | None = None
+    """Where run folders are kept; ROOT/runs/bench by default."""
+
+    out: Path | None = None
+    """Where tables are written; ROOT/results/tables by default."""
+
+    imports: tuple[str, ...] = ()
+    """Modules that register environments or methods of your own; workers import them, too."""
+
+    list: bool = False
+    """Say what is finished and what there is to run, and stop."""
+
+    render_only: bool = False
+    """Write the tables from the records there are, and run nothing."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol bench``."""
+    given = parse(Bench, "bench", words)
+
+    from ..bench.bench import run as run_plans
+
     use_one_thread()
     whole, tables = _tables(given)
     if given.list:
@@ -42,16 +107,15 @@ def bench(arguments: Sequence[str]) -> int:
     if not given.render_only:
         plans = _plans(given, tables)
         _say_plan(plans)
-        with warnings_in_one_line():
-            failures = run(
-                plans,
-                root=given.root,
-                runs=_runs(given),
-                workers=given.workers,
-                scheduler=given.scheduler,
-                modules=given.imports,
-                on_record=_say_record,
-            )
+        failures = run_plans(
+            plans,
+            root=given.root,
+            runs=_runs(given),
+            workers=given.workers,
+            scheduler=given.scheduler,
+            modules=given.imports,
+            on_record=_say_record,
+        )
     _write(given, whole, tables)
     for failure in failures:
         print_error(RuntimeError(f"{failure.task.name}: {failure.reason}"))
@@ -60,6 +124,10 @@ def bench(arguments: Sequence[str]) -> int:
 
 def _tables(given: Bench) -> tuple[list[Table], list[Table]]:
     """The tables as they are written, and the parts of them that were asked for."""
+    from ..bench.method_specs import import_all
+    from ..bench.plan import selected, tables_of
+    from ..results.seeds import TRAINING
+
     if not 1 <= given.trainings <= len(TRAINING):
         raise ValueError(f"--trainings must be from 1 to {len(TRAINING)}, got {given.trainings}")
     for name in ("episodes", "total_timesteps", "workers"):
@@ -81,6 +149,8 @@ def _tables(given: Bench) -> tuple[list[Table], list[Table]]:
 
 def _method(text: str) -> str:
     """A method's name; with ``NAME=MODULE:FUNCTION`` it is registered."""
+    from ..bench.method_specs import register_method
+
     slug, equals, where = text.partition("=")
     if equals:
         register_method(slug, where)
@@ -88,6 +158,12 @@ def _method(text: str) -> str:
 
 
 def _plans(given: Bench, tables: Iterable[Table]) -> list[CellPlan]:
+    from ..bench.method_specs import Settings
+    from ..bench.plan import cells_of, plan_cells
+    from ..bench.record import load_all
+    from ..bench.summary import by_cell
+    from ..results.seeds import TRAINING
+
     records = by_cell(load_all(given.root))
     settings = Settings(given.total_timesteps, given.episodes)
     seeds = TRAINING[: given.trainings]
@@ -119,6 +195,12 @@ def _say_record(record: Record, path: Path) -> None:
 
 
 def _write(given: Bench, whole: Sequence[Table], parts: Sequence[Table]) -> None:
+    from ..bench.grids import grids
+    from ..bench.plan import ALL
+    from ..bench.record import load_all, results_folder
+    from ..bench.render import write, write_docs
+    from ..bench.summary import by_cell
+
     records = load_all(given.root)
     found = by_cell(records)
     folder = given.out or results_folder(given.root) / "tables"

@@ -1,4 +1,4 @@
-"""The command that tells two trees apart, diff."""
+"""``sympol diff``: how two trees differ."""
 
 from __future__ import annotations
 
@@ -6,51 +6,53 @@ import contextlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from ..envs.spec import EnvSpec
-from ..play import play
 from ..runs.metadata import RunError
 from ..trees import DecisionTree
-from ..trees.diff import diff as tell_apart
-from .arguments import Folder, PlaysRun
-from .console import one_line_errors, out
-from .parse import parse
+from ..trees.diff import diff
+from .arguments import Folder, PlaysRun, parse
+from .console import out
 from .tree_io import spec_from, tree_from
+
+if TYPE_CHECKING:
+    from ..envs.spec import EnvSpec
 
 MOST_LINES = 30
 
 
 @dataclass
 class Diff(PlaysRun):
-    """What became of a tree, in words, and how many of the states it visits get another action."""
+    """List how a tree was changed, and how many of the states it visits get another action."""
 
     before: Folder
     """A run's folder, a policy.json, or a listing in a .txt."""
 
     after: Folder
-    """Another one, of the same features and actions."""
+    """Another tree of the same features and actions."""
 
     episodes: int = 0
-    """Play so many test episodes with the first one, and count in the states it visits."""
+    """Number of test episodes to play with the first tree, in whose states actions are compared."""
 
     seed: int = 7
-    """Another seed, other episodes; they are those of sympol eval."""
+    """Seed of the episodes, which are those of sympol eval."""
 
     json: bool = False
-    """One line of JSON."""
+    """Print one line of JSON."""
 
 
-@one_line_errors()
-def diff(arguments: Sequence[str]) -> int:
-    """``sympol diff``."""
-    given = parse(Diff, "diff", arguments)
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol diff``."""
+    given = parse(Diff, "diff", words)
     if given.episodes < 0:
         raise ValueError(f"--episodes must not be negative, got {given.episodes}")
     before, after = tree_from(given.before), tree_from(given.after)
     seen = None
     if given.episodes:
+        from ..play import play
+
         seen = play(before, _spec(given, before), given.episodes, seed=given.seed).observations
-    found = tell_apart(before, after, seen)
+    found = diff(before, after, seen)
     if given.json:
         print(json.dumps(found.to_dict(), allow_nan=False))
         return 0
@@ -65,7 +67,7 @@ def diff(arguments: Sequence[str]) -> int:
 
 
 def _spec(given: Diff, tree: DecisionTree) -> EnvSpec:
-    """Where both act: an edited tree may be a file that does not say."""
+    """Return the environment of either tree: the file of an edited tree may not name it."""
     try:
         return spec_from(given.before, tree, given)
     except RunError:

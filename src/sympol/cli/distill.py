@@ -1,4 +1,4 @@
-"""The command that makes a tree of a teacher, distill: a run, a stable-baselines3 zip, or a function."""
+"""``sympol distill``: a tree of a teacher, which is a run, a stable-baselines3 model or a function."""
 
 from __future__ import annotations
 
@@ -8,29 +8,25 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..agents import Agent, load_run
 from ..algorithms.config import Config
-from ..distill import Iteration, Teacher, load_sb3
-from ..distill.dataset import Limits
-from ..envs.registry import resolve
-from ..envs.spec import EnvSpec
-from ..play import play
-from ..provenance import versions
 from ..runs.clearing import require_free
 from ..runs.metadata import RunError, file_name
 from ..runs.run import Run
-from ..teachers import ALL_METHODS, DISCRETIZE, as_teacher, default_method, distill_policy
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
-from .arguments import Distill
-from .console import err, one_line_errors, out, print_next, summary_words
-from .learn import EVAL_SEED
-from .parse import env_kwargs, parse
+from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .console import err, out
+from .summary import format_summary, print_next
+
+if TYPE_CHECKING:
+    from ..distill import Iteration, Teacher
+    from ..envs.spec import EnvSpec
 
 _IN_TURNS = {"episodes": "episodes_per_iteration", "iterations": "num_iterations"}
 _NODES = {"max_nodes": "max_nodes"}
@@ -42,10 +38,59 @@ _OPTIONS = {
 """What the flags are to each method."""
 
 
-@one_line_errors()
-def distill(arguments: Sequence[str]) -> int:
-    """``sympol distill``."""
-    given = parse(Distill, "distill", arguments)
+@dataclass
+class Distill:
+    """Distill a policy into a decision tree, save it as a run, and compare the returns of both."""
+
+    teacher: Text
+    """A run's folder, the zip of a stable-baselines3 model, or module:function, from an observation to an action."""
+
+    method: Literal["viper", "dagger", "sa-dt", "discretize"] | None = None
+    """By default discretize for a soft tree, viper for a teacher with action values, else dagger."""
+
+    depth: int | None = None
+    """Maximum depth: 5 by default, unlimited with --max-nodes; with discretize, the soft tree's."""
+
+    max_nodes: int | None = None
+    """Maximum number of nodes, leaves included, an odd number: the tree grows where that gains most."""
+
+    env: str | None = None
+    """Gymnasium id of the teacher's environment; a run knows its own, if its folder can make it."""
+
+    env_kwargs: EnvKwargs = ()
+    """Arguments of --env, such as view_size=5."""
+
+    trust: bool = False
+    """Unpickle the zip, or import the module that a run's folder names: both run code of their author."""
+
+    seed: int = 0
+    """Seed of everything random; the same seed gives the same tree."""
+
+    episodes: int | None = None
+    """Teacher episodes: of viper and dagger per iteration (10), of sa-dt in all (25)."""
+
+    iterations: int | None = None
+    """Number of trees that viper and dagger fit, of which they return the best (20)."""
+
+    eval_episodes: int = 20
+    """Number of test episodes on Gymnasium, the same for the tree and its teacher."""
+
+    out: Path | None = None
+    """The tree's folder; by default RUN/distilled/METHOD-DEPTH, or runs/ENV-METHOD-DEPTH, or METHOD-63-nodes."""
+
+    overwrite: bool = False
+    """Replace the run in the folder."""
+
+    json: bool = False
+    """Print only the summary, as one line of JSON."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol distill``."""
+    given = parse(Distill, "distill", words)
+
+    from ..teachers import default_method, distill_policy
+
     if given.env is None and given.env_kwargs:
         raise ValueError("--env-kwargs says how to make --env, so give that, too")
     if given.eval_episodes < 1:
@@ -72,22 +117,26 @@ def distill(arguments: Sequence[str]) -> int:
         eval_episodes=given.eval_episodes,
         overwrite=given.overwrite,
         distilled={"method": method, **size, "seed": given.seed, "teacher": given.teacher},
-    ) as run:
-        summary = _finish(run, teacher, full, tree, given.eval_episodes) | {
+    ) as made:
+        summary = _finish(made, teacher, full, tree, given.eval_episodes) | {
             "distill_seconds": round(seconds, 3)
         }
-        run.save_summary(summary)
+        made.save_summary(summary)
     if given.json:
         print(json.dumps(summary))
         return 0
-    out.print(run.load_tree().to_text(), markup=False)
-    out.print(summary_words(summary))
-    print_next(run)
+    out.print(made.load_tree().to_text(), markup=False)
+    out.print(format_summary(made, summary))
+    print_next(made)
     return 0
 
 
 def find_teacher(given: Distill) -> tuple[Any, Teacher]:
-    """What TEACHER names: as it is, and as a teacher that plays in --env."""
+    """Return the policy that TEACHER names, and the same as a teacher that plays in --env."""
+    from ..agents import load_run
+    from ..distill import load_sb3
+    from ..teachers import as_teacher
+
     path = Path(given.teacher)
     if path.is_dir():
         spec = None if given.env is None else _spec(given)
@@ -113,6 +162,8 @@ def find_teacher(given: Distill) -> tuple[Any, Teacher]:
 
 
 def _spec(given: Distill) -> EnvSpec:
+    from ..envs.registry import resolve
+
     if given.env is None:
         raise ValueError(
             f"--env must name the environment of {given.teacher}, as in --env CartPole-v1: only a run knows its own"
@@ -137,6 +188,8 @@ def _import(module: str, name: str) -> Any:
 
 
 def _options(given: Distill, method: str) -> dict[str, Any]:
+    from ..teachers import ALL_METHODS
+
     flags = {"episodes": given.episodes, "iterations": given.iterations, "max_nodes": given.max_nodes}
     named = _OPTIONS.get(method, {})
     for flag, value in flags.items():
@@ -150,6 +203,10 @@ def _options(given: Distill, method: str) -> dict[str, Any]:
 
 def _size(given: Distill, method: str, policy: Any) -> dict[str, int]:
     """What the limits will be; only discretize does not choose its depth."""
+    from ..agents import Agent
+    from ..distill.dataset import Limits
+    from ..teachers import DISCRETIZE
+
     if method == DISCRETIZE and isinstance(policy, Agent):
         return {"depth": policy.config.depth}
     limits = Limits.of(given.depth, given.max_nodes)._asdict()
@@ -178,6 +235,9 @@ def _finish(
     run: Run, teacher: Teacher, full: DecisionTree, tree: DecisionTree, episodes: int
 ) -> dict[str, Any]:
     """Test tree and teacher on the same episodes, write the tree in every form; return what came of it."""
+    from ..play import play
+    from .learn import EVAL_SEED
+
     its = play(teacher, teacher.spec, episodes, seed=EVAL_SEED)
     tested = play(tree, teacher.spec, episodes, seed=EVAL_SEED)
     run.save_tree(tree.with_visits(tested.observations))

@@ -1,4 +1,4 @@
-"""The command that says why a tree acts as it does, explain."""
+"""``sympol explain``: why a tree acts as it does in one observation."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from ..play import play
 from ..trees import DecisionTree
 from ..trees.boxes import space
 from ..trees.counterfactual import Norm
 from ..trees.explanation_features import positions, units_of
 from ..trees.name_lookup import position
-from .arguments import Folder, PlaysRun
-from .console import one_line_errors, out
-from .parse import parse
+from .arguments import Folder, PlaysRun, parse
+from .console import out
 from .tree_io import spec_from, tree_from
 
 MOST_LINES = 12
@@ -28,13 +26,13 @@ _NEGATIVE = re.compile(r"-[0-9.][0-9.eE+-]*")
 
 @dataclass
 class Explain(PlaysRun):
-    """Why a tree acts as it does in one observation, and what would have to be different for another action.
+    """Explain why a tree acts as it does in one observation, and what would change its action.
 
-    In a state that is written down: sympol explain RUN --observation 0 0.1 -0.2 0
+    A state by its numbers: sympol explain RUN --observation 0 0.1 -0.2 0
 
-    Feature by feature, the others near zero: sympol explain RUN --observation "pole angle=0.1" front=lava
+    Some features by name, the others near zero: sympol explain RUN --observation "pole angle=0.1" front=lava
 
-    In a state of a test episode: sympol explain RUN --episode 7 --step 20
+    A state of a test episode: sympol explain RUN --episode 7 --step 20
     """
 
     tree: Folder
@@ -50,23 +48,22 @@ class Explain(PlaysRun):
     """The step of --episode to explain, from 0."""
 
     immutable: tuple[str, ...] = ()
-    """Features and groups that cannot be different."""
+    """Features and groups that must not change."""
 
     norm: Norm = "l1"
-    """How far observations are apart: the sum of differences, how many there are, or the largest."""
+    """The distance between observations: the sum of differences (l1), their number (l0), or the largest (linf)."""
 
     scale: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER ...")] = ()
-    """How much of a feature is as far as 1 of another; 1 where it is not given."""
+    """The unit of a feature in distances; 1 by default."""
 
     json: bool = False
-    """One line of JSON."""
+    """Print one line of JSON."""
 
 
-@one_line_errors()
-def explain(arguments: Sequence[str]) -> int:
-    """``sympol explain``."""
-    # -1e-3 is a number, which a parser of arguments takes for a flag; after a space it does not
-    given = parse(Explain, "explain", [f" {a}" if _NEGATIVE.fullmatch(a) else a for a in arguments])
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol explain``."""
+    # -1e-3 is a number, but argparse takes it for a flag unless a space is before it
+    given = parse(Explain, "explain", [f" {a}" if _NEGATIVE.fullmatch(a) else a for a in words])
     tree = tree_from(given.tree)
     explained = tree.explain(
         _observation(given, tree), immutable=given.immutable, norm=given.norm, scale=_scales(given.scale)
@@ -95,6 +92,8 @@ def _observation(given: Explain, tree: DecisionTree) -> np.ndarray:
 def _visited(given: Explain, tree: DecisionTree, seed: int) -> np.ndarray:
     if seed < 0 or given.step < 0:
         raise ValueError(f"--episode and --step must not be negative, got {seed} and {given.step}")
+    from ..play import play
+
     seen = play(tree, spec_from(given.tree, tree, given), 1, seed=seed).observations
     if given.step >= len(seen):
         raise ValueError(
@@ -104,7 +103,7 @@ def _visited(given: Explain, tree: DecisionTree, seed: int) -> np.ndarray:
 
 
 def _named(words: Sequence[str], tree: DecisionTree) -> np.ndarray:
-    """An observation near zero, with some features and groups as they are said to be."""
+    """Return an observation near zero, with the named features and groups set."""
     x, units = space(tree, bounds=True).some_observation().astype(np.float64), units_of(tree)
     for word in words:
         name, equals, value = word.rpartition("=")

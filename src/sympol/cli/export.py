@@ -1,4 +1,4 @@
-"""``sympol export``: a tree as a program, a model, a document or a picture, tried where that is asked."""
+"""``sympol export``: a tree as a program, a model, a document or a picture, checked with ``--check``."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from ..runs.metadata import RunError
 from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.export import FORMATS, SUFFIXES, canonical, format_of
-from .arguments import Folder, PlaysRun
-from .console import err, one_line_errors, print_error, warnings_in_one_line
-from .parse import parse
+from .arguments import Folder, PlaysRun, parse
+from .console import err, print_error
 from .show import is_soft, soft_view
 from .tree_io import tree_from
 
@@ -37,7 +36,7 @@ Write: TypeAlias = Callable[[Path], object]
 
 @dataclass
 class Export(PlaysRun):
-    """The tree of a run, or of a file, as a program, a model, a document or a picture.
+    """Write a tree as a program, a model, a document or a picture.
 
     On a microcontroller: sympol export RUN --to c --style table --out policy.c --check
     """
@@ -46,26 +45,25 @@ class Export(PlaysRun):
     """A run's folder; or the .json or .txt of a tree."""
 
     to: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join((*FORMATS, *PICTURES, PACKAGE))}}}")] = ""
-    """What to write; a suffix such as js or md will do. By default what the suffix of --out says, else python."""
+    """The format, or its suffix, such as js or md. By default the one of --out, else python."""
 
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Where to; by default texts go to the standard output, pictures and models to RUN/tree.SUFFIX. Of a package the
-    folder."""
+    """The file, or the folder of a package; by default texts go to the standard output, pictures and models to
+    RUN/tree.SUFFIX."""
 
     style: Annotated[str | None, tyro.conf.arg(help=f"How a program is written; {STYLES}.")] = None
 
     name: str | None = None
-    """What the names in C begin with, and what an ONNX graph is called; policy by default. Of a package its name, by
-    default its folder's."""
+    """The prefix of names in C, and the name of an ONNX graph; policy by default. For a package its name, by default
+    its folder's."""
 
     check: bool = False
-    """Compile it and run it here, now, on 100,000 observations, and compare it with the tree."""
+    """Compile it, run it on 100,000 observations, and compare its actions with the tree's."""
 
 
-@one_line_errors()
-def export(arguments: Sequence[str]) -> int:
-    """``sympol export``."""
-    given = parse(Export, "export", arguments)
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol export``."""
+    given = parse(Export, "export", words)
     given = replace(given, to=_kind(given.to, given.out))
     if given.to == PACKAGE:
         return _package(given)
@@ -73,27 +71,26 @@ def export(arguments: Sequence[str]) -> int:
         _check_format(given)
     elif given.check or _options(given):
         raise ValueError(f"a picture takes no --style, --name or --check, and {given.to} is one")
-    run = Run.open(given.tree, given.env, trust=given.trust) if given.tree.is_dir() else None
-    if run is not None and is_soft(run):
-        written, draw = _soft_form(soft_view(run, run.load_summary()), given)
+    folder = Run.open(given.tree, given.env, trust=given.trust) if given.tree.is_dir() else None
+    if folder is not None and is_soft(folder):
+        written, draw = _soft_form(soft_view(folder, folder.load_summary()), given)
     else:
         tree = tree_from(given.tree)
         written = None if given.to in PICTURES else format_of(given.to).write(tree, **_options(given))
         draw = tree.plot
         if given.check:
             _check(tree, given.to, _options(given))
-    with warnings_in_one_line():
-        _put(given, written, draw)
+    _put(given, written, draw)
     return 0
 
 
 def _kind(to: str, out: Path | None) -> str:
-    """Return the name of what is to be written: what ``--to`` says, or else the file's suffix.
+    """Return the format: that of ``--to``, or else of the file's suffix.
 
     Only what begins with a letter is a suffix: the file ``lr0.1`` has none.
 
     Raises:
-        ValueError: if the suffix is that of something else.
+        ValueError: The suffix is that of another format.
     """
     kind = canonical(to)
     suffix = out.suffix.lower() if out is not None and out.suffix[1:2].isalpha() else ""
@@ -131,7 +128,7 @@ def _options(given: Export) -> Mapping[str, Any]:
 
 
 def _check_format(given: Export) -> None:
-    """Raise ValueError where the format is none, or has no such option."""
+    """Refuse an unknown format, or an option that it does not have."""
     try:
         taken = format_of(given.to).options
     except ValueError as error:
@@ -155,7 +152,7 @@ def _soft_form(view: SoftView, given: Export) -> tuple[str | None, Write]:
 
 
 def _check(tree: DecisionTree, to: str, options: Mapping[str, Any]) -> None:
-    """Check the export here and say so; end the command where it fails."""
+    """Check the exported program here, and print that it passed; end the command if it fails."""
     from ..trees.export.check import check
 
     try:
@@ -167,7 +164,7 @@ def _check(tree: DecisionTree, to: str, options: Mapping[str, Any]) -> None:
 
 
 def _put(given: Export, written: str | bytes | None, draw: Write) -> None:
-    """Write to where it is wanted."""
+    """Write the text or the picture to --out, or to its default."""
     if isinstance(written, str):
         written = written if written.endswith("\n") else written + "\n"
         if given.out is None:

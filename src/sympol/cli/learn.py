@@ -1,4 +1,4 @@
-"""From an agent and its run to the end of the training: learn, save, stop when asked, test, sum up."""
+"""A training of a run to its end: learn, save, stop on request, test, summarise."""
 
 from __future__ import annotations
 
@@ -21,14 +21,26 @@ from ..play import Episodes, play
 from ..runs.metrics import TensorBoard
 from ..runs.run import Run
 from ..training import finish, keep_in
-from .console import err, out, print_error, print_next, print_stopped, warnings_in_one_line, words_of
+from .console import err, out, print_error, print_stopped
+from .summary import format_summary, print_next
 
 EVAL_SEED = 1
-"""Of the test episodes at the end of a training; training and validation have streams of their own."""
+"""Seed of the test episodes at the end of a training, from which training and validation seeds differ."""
 
 
 def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorboard: bool) -> int:
-    """Train ``agent`` to the end, keep all of it in ``run``, print the summary; return the exit status."""
+    """Train an agent to the end, save everything in its run, and print the summary.
+
+    Args:
+        agent: The agent, new or resumed.
+        run: Its run, which this process has locked.
+        eval_episodes: Number of test episodes at the end.
+        as_json: Whether to print only the summary, as JSON.
+        tensorboard: Whether to write TensorBoard logs.
+
+    Returns:
+        The exit status.
+    """
     board = TensorBoard(run.path / "tensorboard") if tensorboard else None
     err.print(
         f"training {_what(agent)} on {agent.spec.name}, seed {agent.seed}, {_through(agent.spec)}; run: {run.path}",
@@ -57,10 +69,7 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
 
     first, began = agent.num_timesteps, time.perf_counter()
     try:
-        with (
-            _ask_to_stop(has_begun, saved.words) as asked,
-            warnings_in_one_line(),
-        ):
+        with _ask_to_stop(has_begun, saved.words) as asked:
             if agent.num_timesteps < agent.config.total_timesteps:
                 agent.learn(callback=[still_wanted, keep_in(run), watch])
         if asked.is_set():
@@ -85,13 +94,13 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
 
 
 def show_result(run: Run, summary: dict[str, Any], as_json: bool) -> None:
-    """Print what a finished run holds."""
+    """Print the tree and the summary of a finished run."""
     if as_json:
         print(json.dumps(summary))
         return
     if (run.path / "tree.txt").is_file():
         out.print(files.read_text(run.path / "tree.txt").rstrip("\n"), markup=False)
-    out.print(words_of(run, summary))
+    out.print(format_summary(run, summary))
     print_next(run)
 
 
@@ -107,7 +116,7 @@ def _what(agent: Agent) -> str:
 
 
 def _limit(config: Config) -> str:
-    """How small it is to be."""
+    """Return the size limits as text."""
     most = f", at most {config.max_nodes:,} nodes" if config.max_nodes else ""
     return most + (f", a return of {config.node_price:g} a node" if config.node_price else "")
 
@@ -121,14 +130,14 @@ def _through(spec: EnvSpec) -> str:
 
 
 class _Saved:
-    """How far the training is saved, and what to say where it ends early."""
+    """The last saved step, and the line to end with if the training stops early."""
 
     def __init__(self, run: Run, step: int) -> None:
         self.run, self.step = run, step
 
     def words(self) -> str:
         at = f"saved at step {self.step:,}" if self.step else "nothing is trained yet"
-        return f"{at}; go on with: sympol resume {self.run.as_argument}"
+        return f"{at}; resume with: sympol resume {self.run.as_argument}"
 
 
 @contextlib.contextmanager
@@ -156,7 +165,7 @@ def _ask_to_stop(
 
 
 def _test(agent: Agent, eval_episodes: int) -> tuple[Episodes | None, Episodes | None]:
-    """Test episodes in which the policy does what it thinks best, and others in which it samples."""
+    """Play test episodes with deterministic actions, and others with sampled ones."""
     if agent.spec.make_host is None:
         return None, None
     policy = agent.tree() if agent.has_tree else agent
@@ -170,7 +179,7 @@ def _test(agent: Agent, eval_episodes: int) -> tuple[Episodes | None, Episodes |
 
 
 def _stopped(agent: Agent, saved: _Saved, stop: BaseException) -> int:
-    """Keep what there is and say how to go on."""
+    """Save the state, and print how to resume."""
     if isinstance(stop, KeyboardInterrupt) or interrupts.at_once:
         print_stopped(saved.words())
         return interrupts.status

@@ -15,16 +15,24 @@ from ..trees.export.package import to_package
 from .console import err
 from .tree_io import tree_from
 
-_SAID = ("env", "env_kwargs", "wrappers", "not_kept", "seed", "preset", "sympol", "distilled", "start")
-"""What the README says of the run the tree is from, where there is something to say."""
+_PROVENANCE = ("env", "env_kwargs", "wrappers", "not_kept", "seed", "preset", "sympol", "distilled", "start")
+"""Metadata of the run that the package's README names, where it is not empty."""
 
 
 def export_package(source: Path, folder: Path | None, name: str | None) -> int:
-    """Write the package of a run's tree, or of a file's, and say where; it is called as its folder is by default.
+    """Write the package of a tree, and print where.
+
+    Args:
+        source: A run's folder, or the file of a tree.
+        folder: The package's folder, which must not exist or be empty.
+        name: The package's name; by default its folder's.
+
+    Returns:
+        The exit status.
 
     Raises:
-        RunError: no folder, or it has something in it, or cannot be written.
-        ValueError: the name is none that Python imports.
+        RunError: There is no folder, it is not empty, or it cannot be written.
+        ValueError: Python cannot import a package of this name.
     """
     if folder is None:
         raise RunError("a package is a folder: say which, as in --out my_policy")
@@ -44,12 +52,10 @@ def export_package(source: Path, folder: Path | None, name: str | None) -> int:
 
 
 def _tree(source: Path) -> DecisionTree:
-    """The tree, with what its run says of itself."""
+    """Return the tree, with the metadata of its run."""
     tree = tree_from(source)
     if not source.is_dir():
         return tree
-    about = Run.open(source).metadata
-    return replace(
-        tree,
-        meta={**tree.meta, **{key: about[key] for key in _SAID if about.get(key) not in (None, {}, [], "")}},
-    )
+    metadata = Run.open(source).metadata
+    provenance = {key: value for key in _PROVENANCE if (value := metadata.get(key)) not in (None, {}, [], "")}
+    return replace(tree, meta={**tree.meta, **provenance})

@@ -1,4 +1,4 @@
-"""The command that searches for the best small trees, pareto."""
+"""``sympol pareto``: a search for the best small trees."""
 
 from __future__ import annotations
 
@@ -8,25 +8,18 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-import tyro
-
-from ..envs.registry import resolve
 from ..interrupts import interrupts
 from ..runs.lock import exclusive
 from ..runs.metadata import RunError, file_name
 from ..search.front.config import SHARES, Plan
-from ..search.front.files import fields_of, point_fields
-from ..search.front.front import Front
-from ..search.front.plot import plot
-from ..search.front.progress import Live
-from ..search.front.search import PLAN, begin, search
-from ..search.front.tables import next_steps, spent_words, table
 from ..threads import cores, use_one_thread
-from .arguments import Text
-from .console import err, one_line_errors, out, print_steps, print_stopped, program, warnings_in_one_line
-from .parse import env_kwargs, parse
+from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .console import err, out, print_steps, print_stopped, program
+
+if TYPE_CHECKING:
+    from ..search.front.front import Front
 
 PICTURE = "front.svg"
 
@@ -77,7 +70,7 @@ class Pareto:
     eval_episodes: int = 100
     """Test episodes on Gymnasium of each tree of the front, by which nothing is chosen."""
 
-    env_kwargs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = ()
+    env_kwargs: EnvKwargs = ()
     """What to make the environment with, such as view_size=5."""
 
     workers: int = 0
@@ -93,10 +86,14 @@ class Pareto:
     """Print one line of JSON and nothing else on the standard output."""
 
 
-@one_line_errors()
-def pareto(arguments: Sequence[str]) -> int:
-    """``sympol pareto``."""
-    given = parse(Pareto, "pareto", arguments)
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol pareto``."""
+    given = parse(Pareto, "pareto", words)
+
+    from ..envs.registry import resolve
+    from ..search.front.progress import Live
+    from ..search.front.search import PLAN, begin, search
+
     if given.workers < 0:
         raise ValueError(f"--workers must be at least 1, or 0 for one a core, got {given.workers}")
     use_one_thread()
@@ -128,7 +125,7 @@ def pareto(arguments: Sequence[str]) -> int:
         markup=False,
     )
     try:
-        with Live(plan, folder, err) as live, warnings_in_one_line():
+        with Live(plan, folder, err) as live:
             front = search(plan, folder, workers=given.workers or min(2, cores()), watch=live.watch)
     except KeyboardInterrupt:
         print_stopped(f"stopped; the same command goes on, as long as {shlex.quote(str(folder))} is there")
@@ -138,6 +135,10 @@ def pareto(arguments: Sequence[str]) -> int:
 
 
 def _show(front: Front, folder: Path, *, as_json: bool) -> None:
+    from ..search.front.files import fields_of, point_fields
+    from ..search.front.plot import plot
+    from ..search.front.tables import next_steps, spent_words, table
+
     picture = folder / PICTURE
     plot(front, picture)
     if as_json:

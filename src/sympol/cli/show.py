@@ -1,73 +1,61 @@
-"""The commands that read a run: eval, show."""
+"""``sympol show``: the tree of a run, and its summary."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
-
-from ..agents import load_run
-from ..distill.soft_text import soft_text
-from ..distill.soft_view import SoftView
-from ..evaluate import evaluate_policy
-from ..report import policy_of
 from ..runs.metadata import RunError
-from ..runs.progress import decimals
 from ..runs.run import Run
-from ..teachers import kept_soft_view
-from .arguments import Eval, Show
-from .console import one_line_errors, out, words_of
-from .parse import parse
+from .arguments import Folder, PlaysRun, parse
+from .console import out
+from .summary import format_summary
+
+if TYPE_CHECKING:
+    from ..distill.soft_view import SoftView
 
 
-@one_line_errors()
-def evaluate(arguments: Sequence[str]) -> int:
-    """``sympol eval``."""
-    given = parse(Eval, "eval", arguments)
-    run = Run.open(given.run, given.env, trust=given.trust)
-    spec = run.resolve_env()
-    mean, std = evaluate_policy(policy_of(run), spec, given.episodes, seed=given.seed)
-    result = {
-        "env": spec.name,
-        "return_mean": mean,
-        "return_std": std,
-        "episodes": given.episodes,
-        "eval_seed": given.seed,
-    }
-    if given.json:
-        print(json.dumps(result))
+@dataclass
+class Show(PlaysRun):
+    """Print the tree of a run as text, and its summary."""
+
+    run: Folder
+    """The run's folder."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol show``."""
+    given = parse(Show, "show", words)
+    shown = Run.open(given.run, given.env, trust=given.trust)
+    summary = shown.load_summary()
+    if is_soft(shown):
+        from ..distill.soft_text import soft_text
+
+        text = soft_text(soft_view(shown, summary))
     else:
-        n = decimals(mean)
-        out.print(
-            f"{escape(spec.name)}: return [bold]{mean:,.{n}f}[/] ± {std:,.{n}f} over {given.episodes} episodes "
-            f"(seed {given.seed})"
-        )
-    return 0
-
-
-@one_line_errors()
-def show(arguments: Sequence[str]) -> int:
-    """``sympol show``."""
-    given = parse(Show, "show", arguments)
-    run = Run.open(given.run, given.env, trust=given.trust)
-    summary = run.load_summary()
-    text = soft_text(soft_view(run, summary)) if is_soft(run) else run.load_tree().to_text()
-    words = "" if summary is None else words_of(run, summary)
+        text = shown.load_tree().to_text()
+    lines = "" if summary is None else format_summary(shown, summary)
     print(text)
-    if words:
-        out.print(words)
+    if lines:
+        out.print(lines)
     return 0
 
 
 def is_soft(run: Run) -> bool:
-    """Whether a run's policy is a soft tree, which is no `DecisionTree`."""
+    """Return whether a run's policy is a soft tree, which is no `DecisionTree`."""
     return run.config.policy == "sdt" and not run.is_distilled
 
 
 def soft_view(run: Run, summary: dict[str, Any] | None) -> SoftView:
-    """The soft tree of a run, as it is written and drawn."""
+    """Return the soft tree of a run, as it is written and drawn.
+
+    Raises:
+        RunError: There is none yet, or the summary is not a run's.
+    """
+    from ..agents import load_run
+    from ..teachers import kept_soft_view
+
     agent = load_run(run)
     if agent.state is None:
         raise RunError(f"{run.path} has no soft tree yet; finish it: sympol resume {run.as_argument}")

@@ -1,28 +1,33 @@
-"""Where commands take trees from: a run's folder, or a file."""
+"""The trees and environments that commands are given, by a run's folder or a file."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import files
 from ..envs.origin import Origin
-from ..envs.registry import UnknownEnvironment, resolve
-from ..envs.spec import EnvSpec
 from ..runs.metadata import CONFIG, RunError, require_no_import
 from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.text_parser import FENCE, parse_document
 from .arguments import PlaysRun
 
+if TYPE_CHECKING:
+    from ..envs.spec import EnvSpec
+
 
 def tree_from(path: Path) -> DecisionTree:
-    """The tree of a run's folder, or of a .json or .txt file.
+    """Return the tree of a run's folder, or of a .json or .txt file.
 
-    What features and actions a .txt is about, its header says (`sympol.trees.text_parser`), itself or by naming an
-    environment; without a header, the policy.json beside it does.
+    The header of a .txt names its features and actions, or the environment that has them; without a header, they are
+    those of the policy.json beside it.
+
+    Args:
+        path: The folder or the file.
 
     Raises:
-        RunError: nothing is there, or what is there holds no tree; the message says what to do.
+        RunError: Nothing is there, or it holds no tree; the message names the remedy.
     """
     if path.is_dir() or not path.suffix:
         return Run.open(path).load_tree()
@@ -45,7 +50,7 @@ def _from_text(path: Path, text: str) -> DecisionTree:
         return DecisionTree.from_text(text)
     if "env" in header:
         spec = _environment(path, header["env"], header.get("meta", {}))
-        return DecisionTree.from_text(text, actions=spec.actions, **spec.features.reading())
+        return DecisionTree.from_text(text, actions=spec.actions, **spec.features.metadata())
     beside = path.with_name("policy.json")
     if not beside.exists():
         raise RunError(
@@ -58,13 +63,20 @@ def _from_text(path: Path, text: str) -> DecisionTree:
 def spec_from(path: Path, tree: DecisionTree, given: PlaysRun | None = None) -> EnvSpec:
     """Return the environment of `tree_from`'s tree: ``--env``, that of the run it is in, or the one its ``meta`` names.
 
+    Args:
+        path: The run's folder or the tree's file.
+        tree: The tree.
+        given: The flags ``--env`` and ``--trust``.
+
     Raises:
-        RunError: it is in no run and names none, or one that is not known here, or one with other features.
+        RunError: The tree is in no run and names no environment, or one that is not known here or has other features.
     """
     folder, given = path if path.is_dir() else path.parent, given or PlaysRun()
     if (folder / CONFIG).exists():
         spec = Run.open(folder, given.env, trust=given.trust).resolve_env()
     elif given.env is not None:
+        from ..envs.registry import resolve
+
         spec = resolve(given.env)
     elif "env" in tree.meta:
         spec = _environment(path, tree.meta["env"], tree.meta, trust=given.trust)
@@ -81,10 +93,13 @@ def spec_from(path: Path, tree: DecisionTree, given: PlaysRun | None = None) -> 
 
 
 def _environment(path: Path, name: object, meta: object, *, trust: bool = False) -> EnvSpec:
-    """Return the environment that a file names. The file may be a stranger's: it has nothing imported."""
+    """Return the environment that a file names; no module is imported for it, as the file may be a stranger's."""
     if not isinstance(name, str):
         raise RunError(f"{path} names the environment {name!r}, which must be text, such as 'CartPole-v1'")
     require_no_import(name, path, trust=trust)
+
+    from ..envs.registry import UnknownEnvironment, resolve
+
     try:
         origin = Origin.from_dict(meta if isinstance(meta, dict) else {})
         if origin.not_kept:

@@ -1,37 +1,29 @@
-"""The command that searches hyperparameters: trials are run, then the best are shown, drawn and kept."""
+"""``sympol tune``: a search for hyperparameters."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.markup import escape
 from rich.table import Table as Shown
 
-from ..parallel import Failure
-from ..results.seeds import SEARCH
+from ..algorithms.presets import DEFAULT
+from ..runs.formatting import decimals
 from ..runs.metadata import file_name
-from ..runs.progress import decimals
 from ..threads import use_one_thread
-from ..tune.report import (
-    best_trials,
-    counts,
-    importances,
-    require_preset_file,
-    save_preset,
-    write_plots,
-)
-from ..tune.study import FAILURE, Search, finished
-from ..tune.tune import Outcome
-from ..tune.tune import tune as run
-from .arguments import Tune
-from .console import err, one_line_errors, out, print_error, warnings_in_one_line
-from .parse import env_kwargs, parse
+from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .console import err, out, print_error
 
 if TYPE_CHECKING:
     from optuna import Study
+
+    from ..parallel import Failure
+    from ..tune.study import Search
+    from ..tune.tune import Outcome
 
 _SHOWN = 3
 """So many of the best trials are shown beside each other."""
@@ -40,10 +32,67 @@ MOST_SEEDS = 1000
 """Trainings of one trial, at most."""
 
 
-@one_line_errors()
-def tune(arguments: Sequence[str]) -> int:
-    """``sympol tune``."""
-    given = parse(Tune, "tune", arguments)
+@dataclass
+class Tune:
+    """Search hyperparameters for an environment and a policy: trials in the paper's grids, by validation returns.
+
+    All is kept in a study; what was interrupted goes on, and more --trials add to it. Hopeless trials are pruned.
+
+    The best as a preset: sympol tune CartPole-v1 --save-preset best.toml
+
+    Training with it: sympol train CartPole-v1 --preset best.toml
+    """
+
+    env: Text
+    """Gymnasium id, such as CartPole-v1."""
+
+    policy: Literal["tree", "mlp", "sdt"] = "tree"
+    """A decision tree, or a rival: a multilayer perceptron, a soft decision tree."""
+
+    algorithm: Literal["ppo", "a2c"] = "ppo"
+    """What trains it."""
+
+    trials: int = 60
+    """How many there are to be in the study, those of earlier calls included."""
+
+    total_timesteps: int = 1_000_000
+    """Environment steps of each training."""
+
+    seeds: int = 1
+    """Trainings of each trial; what counts is the mean of their validation returns."""
+
+    seed: int = 1000
+    """The first of these seeds, and that of the search itself; below 1000 are those that are reported."""
+
+    preset: str = DEFAULT
+    """What trials start from, in fields that are not searched: default, paper, or the path of a .toml file."""
+
+    storage: str | None = None
+    """A journal file, or postgresql://user@host/database; runs/tune/ENV-ALGORITHM-POLICY.journal by default."""
+
+    study: str | None = None
+    """What the study is called in the storage; ENV-ALGORITHM-POLICY by default."""
+
+    workers: int = 1
+    """Processes on this machine."""
+
+    scheduler: str | None = None
+    """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""
+
+    save_preset: Path | None = None
+    """Write the best trial as a preset: a .toml file, for sympol train ENV --preset FILE."""
+
+    env_kwargs: EnvKwargs = ()
+    """What to make the environment with."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol tune``."""
+    given = parse(Tune, "tune", words)
+
+    from ..tune.report import require_preset_file
+    from ..tune.tune import tune
+
     search = _search(given)
     if given.save_preset is not None:
         require_preset_file(given.save_preset)  # now, not after sixty trials
@@ -55,12 +104,14 @@ def tune(arguments: Sequence[str]) -> int:
         stem = Path(storage).with_suffix("") if given.study is None else Path(storage).parent / stem.name
     err.print(_plan(given, search, name, storage), markup=False)
     options: dict[str, Any] = {"workers": given.workers, "scheduler": given.scheduler}
-    with warnings_in_one_line():
-        study, failures = run(search, storage, name, given.trials, on_trial=_tell, **options)
+    study, failures = tune(search, storage, name, given.trials, on_trial=_tell, **options)
     return _report(given, study, stem, failures)
 
 
 def _search(given: Tune) -> Search:
+    from ..results.seeds import SEARCH
+    from ..tune.study import Search
+
     for name in ("trials", "total_timesteps", "seeds", "workers"):
         if getattr(given, name) < 1:
             raise ValueError(f"--{name.replace('_', '-')} must be at least 1, got {getattr(given, name)}")
@@ -106,6 +157,9 @@ def _tell(outcome: Outcome) -> None:
 
 
 def _report(given: Tune, study: Study, stem: Path, failures: Sequence[Failure]) -> int:
+    from ..tune.report import best_trials, save_preset, write_plots
+    from ..tune.study import FAILURE, finished
+
     for failure in failures:
         print_error(RuntimeError(f"{failure.task.name}: {failure.reason}"))
     best = best_trials(study)
@@ -135,6 +189,8 @@ def _is_other(given: Tune, name: str) -> bool:
 
 def _table(study: Study) -> Shown:
     """The best trials, a column each, and what mattered."""
+    from ..tune.report import best_trials, counts, importances
+
     best, shares = best_trials(study)[:_SHOWN], importances(study)
     there = counts(study)
     shown = Shown(

@@ -1,4 +1,4 @@
-"""The command that proves properties of a tree, verify."""
+"""``sympol verify``: properties of a tree, proven or refuted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 import tyro
 from rich.text import Text
 
-from ..play import play
 from ..runs.metadata import RunError
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
@@ -27,13 +26,10 @@ from ..trees.verify import (
     noise,
     read_properties,
     unreachable_leaves,
+    verify,
 )
-from ..trees.verify import (
-    verify as prove,
-)
-from .arguments import Folder, PlaysRun
-from .console import one_line_errors, out
-from .parse import parse
+from .arguments import Folder, PlaysRun, parse
+from .console import out
 from .tree_io import spec_from, tree_from
 
 FILE = "safety.toml"
@@ -42,9 +38,9 @@ _QUANTILES = {"least": 0.0, "1 %": 0.01, "5 %": 0.05, "25 %": 0.25, "median": 0.
 
 @dataclass
 class Verify(PlaysRun):
-    """Prove what a tree always does, or never, or find an observation in which it does otherwise.
+    """Prove what a tree always or never does, or find an observation where it does otherwise.
 
-    The exit status is 0 where everything holds, 1 where something fails, 2 where something is asked wrongly.
+    The exit status is 0 if everything holds, 1 if something fails, 2 after bad input.
     """
 
     tree: Folder
@@ -57,30 +53,29 @@ class Verify(PlaysRun):
     """One more rule, such as "when pole angle > 0.1 then action is push right"; may be given several times."""
 
     against: Path | None = None
-    """Another tree, as a run's folder or a policy.json: is it the same policy?"""
+    """Another tree, a run's folder or a policy.json: prove that both act alike."""
 
     everywhere: bool = False
-    """For --property and --against: count observations outside the bounds of the space, infinite and NaN, too."""
+    """For --property and --against: include observations outside the bounds of the space, infinities and NaN."""
 
     robustness: int = 0
-    """So many episodes are played, and how far their observations are from another action is said."""
+    """Number of episodes to play, to measure how far their observations are from another action."""
 
     noise: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=SIZE ...")] = ()
-    """With --robustness: the greatest error of features, such as "pole angle=0.01": can it change the action?"""
+    """With --robustness: errors of features, such as "pole angle=0.01": can they change the action?"""
 
     seed: int = 0
-    """Of the episodes."""
+    """Seed of the episodes."""
 
     json: bool = False
-    """Print one line of JSON and nothing else on the standard output."""
+    """Print only one line of JSON."""
 
 
-@one_line_errors()
-def verify(arguments: Sequence[str]) -> int:
-    """``sympol verify``."""
-    given = parse(Verify, "verify", arguments)
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol verify``."""
+    given = parse(Verify, "verify", words)
     tree = tree_from(given.tree)
-    verdicts = list(prove(tree, _asked(given)))
+    verdicts = list(verify(tree, _properties(given)))
     if given.against is not None:
         other = tree_from(given.against)
         verdicts.append(equal(tree, other, within_bounds=not given.everywhere))
@@ -105,8 +100,8 @@ def verify(arguments: Sequence[str]) -> int:
     return 0 if all(verdict.holds for verdict in verdicts) else 1
 
 
-def _asked(given: Verify) -> list[Property]:
-    """The properties of the file and of the command line."""
+def _properties(given: Verify) -> list[Property]:
+    """Return the properties of the file and of the command line."""
     path = given.properties
     if path is None and (given.tree / FILE).exists():
         path = given.tree / FILE
@@ -137,7 +132,7 @@ def _verdict_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def _observation_json(observation: np.ndarray) -> list[float | str]:
-    """Strict JSON knows neither infinity nor NaN: these become strings, as in policy.json."""
+    """Return an observation for strict JSON: infinity and NaN become strings, as in policy.json."""
     return [shortest(x) if np.isfinite(x) else str(float(x)) for x in observation]
 
 
@@ -166,12 +161,14 @@ def _print_summary(tree: DecisionTree) -> None:
 
 def _robustness(given: Verify, tree: DecisionTree) -> dict[str, Any] | None:
     if given.robustness < 0:
-        raise ValueError(f"--robustness plays so many episodes, 1 or more, got {given.robustness}")
+        raise ValueError(f"--robustness must be a number of episodes, 1 or more, got {given.robustness}")
     sizes = _sizes(given.noise)
     if given.robustness == 0:
         if sizes:
             raise ValueError("--noise needs observations: give --robustness EPISODES, too")
         return None
+    from ..play import play
+
     seen = play(tree, spec_from(given.tree, tree, given), given.robustness, seed=given.seed).observations
     unit = seen.std(axis=0, dtype=np.float64)
     radius = margin(tree, seen, unit).radius

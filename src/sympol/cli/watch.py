@@ -1,33 +1,57 @@
-"""The command that makes a film, watch."""
+"""``sympol watch``: a film of test episodes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from rich.markup import escape
 
-from ..evaluate import watch as make_film
-from ..report import policy_of
 from ..runs.metadata import RunError
 from ..runs.run import Run
-from .arguments import Watch
-from .console import err, one_line_errors, out
-from .parse import parse
+from .arguments import Folder, PlaysRun, parse
+from .console import err, out
 
 FILE = "episode.gif"
-"""Of the three formats the one that opens everywhere: browsers, mail, slides, GitHub, picture viewers. A tree and
-an environment have few colours, so that it loses little by having 256."""
+"""GIFs open everywhere. A tree and an environment have few colours, so that 256 are enough."""
 
 
-@one_line_errors()
-def watch(arguments: Sequence[str]) -> int:
-    """``sympol watch``."""
-    given = parse(Watch, "watch", arguments)
-    run = Run.open(given.run, given.env, trust=given.trust)
-    policy, spec, path = policy_of(run), run.resolve_env(), given.out or run.path / FILE
+@dataclass
+class Watch(PlaysRun):
+    """Film test episodes on Gymnasium: the environment, and beside it the tree with its path highlighted."""
+
+    run: Folder
+    """The run's folder."""
+
+    episodes: int = 1
+    """Number of episodes, one after another."""
+
+    seed: int = 7
+    """Seed of the episodes, which are those of sympol eval."""
+
+    out: Path | None = None
+    """The file: .gif, .webp, or .mp4; RUN/episode.gif by default."""
+
+    fps: float | None = None
+    """Steps per second; by default the environment's own pace, slower for short episodes."""
+
+    max_steps: int | None = None
+    """Cut episodes after this number of steps."""
+
+
+def run(words: Sequence[str]) -> int:
+    """Run ``sympol watch``."""
+    given = parse(Watch, "watch", words)
+    played = Run.open(given.run, given.env, trust=given.trust)
+
+    from ..evaluate import watch
+    from ..report import policy_of
+
+    policy, spec, path = policy_of(played), played.resolve_env(), given.out or played.path / FILE
     try:
         with err.status("") as status:
-            film = make_film(
+            film = watch(
                 policy,
                 spec,
                 path,

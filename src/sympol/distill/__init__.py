@@ -1,4 +1,4 @@
-"""From a teacher, whatever it is, to a decision tree."""
+"""Distillation: make a decision tree from a teacher."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ METHODS: Mapping[str, Callable[..., DecisionTree]] = {"sa-dt": sa_dt, "viper": v
 def distill(
     teacher: Teacher, method: str = "viper", depth: int | None = None, seed: int = 0, **options: Any
 ) -> DecisionTree:
-    """Make a tree of a teacher by one of the `METHODS`.
+    """Make a tree from a teacher by one of the `METHODS`.
 
     Args:
-        teacher: Who knows what to do, and where.
+        teacher: The policy to imitate, with its environment.
         method: ``"viper"`` (discrete actions, and a teacher with action values), ``"dagger"`` (any), or
             ``"sa-dt"`` (any; the teacher's own episodes alone).
         depth: Most comparisons before an answer; by default 5, or any number where ``max_nodes`` is given.
@@ -49,8 +49,11 @@ def distill(
             most. And the method's own: ``num_episodes`` of sa_dt; ``num_iterations``, ``episodes_per_iteration``,
             ``max_samples``, ``num_validation_episodes``, ``progress`` and ``play_tree`` of viper and dagger.
 
+    Returns:
+        The tree, not pruned.
+
     Raises:
-        ValueError: no such method, an option that it lacks, or whatever the method refuses.
+        ValueError: no such method, an option that it lacks, or an argument that the method refuses.
         ImportError: scikit-learn is not installed.
     """
     if method not in METHODS:

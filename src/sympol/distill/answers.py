@@ -1,4 +1,4 @@
-"""What a teacher answers, checked where it enters: shape, kind of number, range, and that it is finite."""
+"""Check the answers of a teacher: shape, kind of number, range, and that they are finite."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def from_sklearn(estimator: DecisionTreeClassifier | DecisionTreeRegressor, spec
         raise ValueError(
             f"a tree for {spec.name} must see {n_features} features, got one fitted on {estimator.tree_.n_features}"
         )
-    return DecisionTree.from_sklearn(estimator, spec.actions, **spec.features.reading())
+    return DecisionTree.from_sklearn(estimator, spec.actions, **spec.features.metadata())
 
 
 def _within_seen_bounds(tree: DecisionTree, spec: EnvSpec, x: np.ndarray) -> DecisionTree:

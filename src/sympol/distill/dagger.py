@@ -22,12 +22,26 @@ def dagger(
     play_tree: Play | None = None,
     max_nodes: int | None = None,
 ) -> DecisionTree:
-    """Fit trees on all states that the teacher and earlier trees came by (Ross et al. 2011); return the best.
+    """Fit trees on all states that the teacher and earlier trees visited, and return the best (Ross et al. 2011).
 
-    Continuous actions are regressed. Of the first iteration the teacher is the player, of all later ones the tree
-    before; the best is chosen by mean return over validation episodes. Of more than ``max_samples`` demonstrations
-    so many are drawn, without regard to what they cost. The same seed gives the same tree, bit for bit.
-    ``depth`` and ``max_nodes`` are as of `distill`.
+    Continuous actions are regressed. The teacher plays in the first iteration, the previous tree in all later ones.
+    The best tree is chosen by its mean return over validation episodes. If there are more than ``max_samples``
+    demonstrations, that many are drawn uniformly.
+
+    Args:
+        teacher: The policy to imitate.
+        depth: Most comparisons before an answer; see `sympol.distill.distill`.
+        num_iterations: Number of trees that are fitted, one after the other.
+        episodes_per_iteration: Whole episodes that each tree plays.
+        max_samples: Most demonstrations that a tree is fitted on.
+        num_validation_episodes: Episodes by which the best tree is chosen.
+        seed: The same seed gives the same tree, bit for bit.
+        progress: Called after each iteration.
+        play_tree: Plays a tree; by default on the teacher's environment.
+        max_nodes: Most nodes, leaves included; odd.
+
+    Returns:
+        The best tree, not pruned.
 
     Raises:
         ValueError: an argument out of bounds, or a teacher whose answers do not fit.
@@ -46,7 +60,7 @@ def dagger(
 
 
 def draw_uniformly(collected: Demonstrations, at_most: int, rng: np.random.Generator) -> Demonstrations:
-    """All of them, or so many of them without repetition."""
+    """Return all demonstrations, or at most ``at_most`` of them without repetition."""
     if collected.size <= at_most:
         return collected
     return collected.rows(rng.choice(collected.size, at_most, replace=False))

@@ -1,4 +1,4 @@
-"""Observations and what the teacher would do in them."""
+"""Observations, and the actions of the teacher in them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from ..play import play
 from .teacher import Teacher
 
 Losses = Callable[[np.ndarray], np.ndarray]
-"""What it may cost to act wrongly in each of the observations ``[samples, features]``."""
+"""Map observations ``[samples, features]`` to the possible cost of a wrong action in each."""
 DEPTH = 5
-"""Of a tree, where nothing else is asked for."""
+"""The depth of a tree by default."""
 
 
 class Demonstrations(NamedTuple):
-    """Observations, whoever came by them, and the teacher's actions in them."""
+    """Observations with the teacher's actions in them."""
 
     observations: Float32[np.ndarray, "samples features"]
+    """Flat observations, whichever policy visited them."""
     actions: np.ndarray
     """As the environment takes them, ``[samples, *shape]``."""
     losses: Float64[np.ndarray, " samples"] | None = None
-    """What acting wrongly may cost there, where that is asked for."""
+    """The possible cost of a wrong action in each observation, if it is needed."""
 
     @property
     def size(self) -> int:
@@ -32,7 +33,14 @@ class Demonstrations(NamedTuple):
         return len(self.observations)
 
     def joined(self, more: Demonstrations) -> Demonstrations:
-        """Both, one after the other."""
+        """Return these demonstrations followed by others.
+
+        Args:
+            more: The demonstrations to append.
+
+        Returns:
+            Both; with losses only if both have them.
+        """
         losses = None
         if self.losses is not None and more.losses is not None:
             losses = np.concatenate([self.losses, more.losses])
@@ -43,15 +51,30 @@ class Demonstrations(NamedTuple):
         )
 
     def rows(self, index: np.ndarray) -> Demonstrations:
-        """Some of them, or some of them several times."""
+        """Return some of the demonstrations.
+
+        Args:
+            index: Row numbers, ``[selected]``; repetitions are allowed.
+
+        Returns:
+            The selected rows.
+        """
         losses = None if self.losses is None else self.losses[index]
         return Demonstrations(self.observations[index], self.actions[index], losses)
 
 
 def demonstrations(teacher: Teacher, num_episodes: int = 25, seed: int = 0) -> Demonstrations:
-    """Let the teacher play whole episodes, on seeds of their own (`sympol.play`, purpose "distill").
+    """Let the teacher play whole episodes, on seeds that nothing else uses (`sympol.play`, purpose "distill").
 
-    Everything is deterministic but the environment.
+    Everything is deterministic except the environment.
+
+    Args:
+        teacher: The policy to play.
+        num_episodes: Number of whole episodes.
+        seed: The same seed gives the same episodes.
+
+    Returns:
+        All observations of these episodes and the teacher's actions in them.
 
     Raises:
         ValueError: a number of episodes below one, a negative seed, an environment that cannot be played, or a
@@ -66,7 +89,7 @@ def demonstrations(teacher: Teacher, num_episodes: int = 25, seed: int = 0) -> D
 def labelled(
     teacher: Teacher, x: Float32[np.ndarray, "samples features"], losses: Losses | None = None
 ) -> Demonstrations:
-    """Ask the teacher what it would do in these observations, whoever came by them."""
+    """Label observations with the teacher's actions, whichever policy visited them."""
     return Demonstrations(x, teacher.act(x), None if losses is None else losses(x))
 
 
@@ -78,14 +101,14 @@ def require_positive(**numbers: int) -> None:
 
 
 class Limits(NamedTuple):
-    """How large a tree may be: most comparisons before an answer, most nodes; None is no limit."""
+    """Limits of a tree's size: most comparisons before an answer, most nodes; None is no limit."""
 
     depth: int | None
     max_nodes: int | None
 
     @staticmethod
     def of(depth: int | None, max_nodes: int | None) -> Limits:
-        """What a user asked for; where nothing is said, `DEPTH`.
+        """Return the limits that a user set; a depth of `DEPTH` by default.
 
         Raises:
             ValueError: a depth below one, or a number of nodes that no tree with a question has.

@@ -11,7 +11,7 @@ from ..policies.soft_tree import SoftTree
 from ..trees import DecisionTree
 
 
-def discretize(actor: SoftTree, shift: np.ndarray, scale: np.ndarray, **reading: Any) -> DecisionTree:
+def discretize(actor: SoftTree, shift: np.ndarray, scale: np.ndarray, **metadata: Any) -> DecisionTree:
     """The complete hard tree that keeps of each node its heaviest feature, and of each gate its likelier way.
 
     A gate is more than half open to the left where w · x < τ. With all weight on feature j that is x_j · w_j ≤ τ, and
@@ -24,4 +24,4 @@ def discretize(actor: SoftTree, shift: np.ndarray, scale: np.ndarray, **reading:
     weights = np.asarray(actor.weights)
     feature = np.argmax(weights, axis=1)
     threshold = np.asarray(actor.thresholds) / np.take_along_axis(weights, feature[:, None], axis=1)[:, 0]
-    return raw_tree(feature, threshold, np.asarray(actor.leaf_values), shift, scale, **reading)
+    return raw_tree(feature, threshold, np.asarray(actor.leaf_values), shift, scale, **metadata)

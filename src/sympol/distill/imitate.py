@@ -26,7 +26,7 @@ FINALISTS = 5
 
 
 class Iteration(NamedTuple):
-    """What ``progress`` is told after each tree."""
+    """The argument of ``progress`` after each tree."""
 
     iteration: int
     """Counted from one."""
@@ -44,7 +44,7 @@ Progress: TypeAlias = Callable[[Iteration], object]
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long to learn, and from how much. Raises ValueError for a number below one."""
+    """The length of the learning, and the amount of data. Raises ValueError for a number below one."""
 
     num_iterations: int
     episodes_per_iteration: int
@@ -102,7 +102,7 @@ def imitate(
 
 
 def on_gymnasium(teacher: Teacher) -> Play:
-    """Where the teacher acts."""
+    """Return the environment in which the teacher acts."""
     return lambda tree, number, seed, purpose: play(tree, teacher.spec, number, seed=seed, purpose=purpose)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from ..trees import DecisionTree
 from ..trees.plot import arrange, draw
 from ..trees.plot_boxes import FONT_SIZE, INK
-from ..trees.plot_fonts import drawn_in, style_for
-from ..trees.plot_page import Drawable, Layout, check_file, lay_out, save
+from ..trees.plot_layout import Drawable, Layout, lay_out
+from ..trees.plot_style import check_file, drawn_in, save, style_for
 from .picture_boxes import boxes_of
 from .soft_text import legend
 from .soft_view import SoftView, in_preorder

@@ -1,4 +1,4 @@
-"""What the nodes of a drawn soft tree look like: a list of weights with bars, or a distribution over actions."""
+"""Draw the nodes of a soft tree: a list of weights with bars, or a distribution over actions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from ..trees.plot import COLOURS, leaf_colours
 from ..trees.plot_boxes import LINE, PAD, PAPER, ROW, Pen, TextBox, rounded, shortened, text_width
-from ..trees.plot_page import Drawable
+from ..trees.plot_layout import Drawable
 from .soft_view import SoftView, Term, in_preorder, percent
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""State-action decision trees: CART on what the finished teacher did."""
+"""State-action decision trees: CART on the actions of a finished teacher."""
 
 from __future__ import annotations
 
@@ -17,8 +17,17 @@ def sa_dt(
 ) -> DecisionTree:
     """Fit a tree once, on the teacher's own episodes: behavioural cloning.
 
-    The tree never sees where its own mistakes lead; `dagger` and `viper` do. Any action space. The same seed gives
-    the same tree, bit for bit. ``depth`` and ``max_nodes`` are as of `distill`.
+    The tree never sees where its own mistakes lead; with `dagger` and `viper` it does. Any action space is supported.
+
+    Args:
+        teacher: The policy to imitate.
+        depth: Most comparisons before an answer; see `sympol.distill.distill`.
+        num_episodes: Whole episodes that the teacher plays.
+        seed: The same seed gives the same tree, bit for bit.
+        max_nodes: Most nodes, leaves included; odd.
+
+    Returns:
+        The fitted tree, not pruned.
 
     Raises:
         ValueError: an argument out of bounds, or a teacher whose answers do not fit.

@@ -40,6 +40,9 @@ def load_sb3(path: str | PathLike[str], spec: EnvSpec, *, trust: bool = False) -
         trust: The file holds pickled objects, and unpickling runs whatever code its author put there. Say True for
             files of your own or of people you trust.
 
+    Returns:
+        The model as a teacher.
+
     Raises:
         ValueError: not trusted; no such model; or its spaces are not the environment's.
         FileNotFoundError: no such file.

@@ -35,7 +35,7 @@ def soft_text(view: SoftView, *, digits: int = 3) -> str:
 
 
 def legend(view: SoftView) -> list[str]:
-    """What a reader must know: how gates work, what leaves do, how features are scaled."""
+    """Explain to readers how gates work, what leaves do, and how features are scaled."""
     return [
         "Every way is taken, each with a weight: yes and no count alike where a node's sum equals its threshold, and "
         f"from {view.reach:.3g} beyond it only one of them.",

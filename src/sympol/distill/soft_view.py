@@ -49,7 +49,7 @@ class SoftView:
 
     @property
     def thresholds(self) -> Float[np.ndarray, " nodes"]:
-        """What the weighted sum of scaled features is compared with."""
+        """The thresholds of the weighted sums of scaled features."""
         return np.asarray(self.actor.thresholds)
 
     @property
@@ -59,11 +59,11 @@ class SoftView:
 
     @property
     def reach(self) -> float:
-        """How far beyond its threshold a gate has closed: entmoid15 is 0 and 1 beyond ∓2."""
+        """The distance beyond its threshold at which a gate is closed: entmoid15 is 0 and 1 beyond ∓2."""
         return 2 * self.actor.temperature
 
     def terms(self, node: int) -> list[Term]:
-        """What a node adds up, the heaviest first; features without any weight are left out."""
+        """Return the terms that a node adds up, the heaviest first, without features of no weight."""
         weights = np.asarray(self.actor.weights[node], np.float64)
         order = [int(i) for i in np.argsort(-weights, kind="stable") if weights[i] > 0]
         if len(order) <= MOST_TERMS:
@@ -74,7 +74,7 @@ class SoftView:
         return terms + ([Term(f"{len(rest)} others", float(weights[rest].sum()))] if rest else [])
 
     def scaling(self) -> list[str]:
-        """How the features that some node looks at are scaled, in words; nothing for those that are not."""
+        """Describe the scaling of the features that some node compares; unscaled ones are left out."""
         used = np.flatnonzero((np.asarray(self.actor.weights) > 0).any(axis=0))
         scaled = [i for i in used.tolist() if (self.shift[i], self.scale[i]) != (0, 1)]
         return [

@@ -1,4 +1,4 @@
-"""A teacher: whatever knows what to do, asked in flat observations and checked in what it answers."""
+"""Teachers: policies that take flat observations and whose answers are checked."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TINY = float(np.finfo(np.float32).smallest_normal)
 
 @dataclass(frozen=True)
 class Teacher:
-    """What a tree learns from.
+    """A policy that a tree learns from.
 
     Args:
         spec: The environment it acts in.
@@ -77,7 +77,17 @@ class Teacher:
 
         It is called with one observation at a time, just as the environment returns it. With ``batched=True`` it is
         called with a batch (leading axis on every array), which is faster. Guessing which of the two it takes would
-        go wrong silently where both run. ``action_values`` or ``action_probabilities`` are called in the same way.
+        go wrong silently where both run.
+
+        Args:
+            function: Maps an observation, as the environment returns it, to an action.
+            spec: The environment it acts in.
+            action_values: Maps an observation to one value for each action, called in the same way.
+            action_probabilities: Maps an observation to the probability of each action, instead of values.
+            batched: Whether all of these take batches.
+
+        Returns:
+            The teacher.
 
         Raises:
             TypeError: what is not callable.
@@ -112,6 +122,13 @@ class Teacher:
 
         A model of stable-baselines3 gives its action values, too: DQN its Q-values, PPO and A2C with discrete actions
         their log-probabilities.
+
+        Args:
+            model: The model.
+            spec: The environment it acts in.
+
+        Returns:
+            The teacher.
 
         Raises:
             TypeError: no ``predict``.

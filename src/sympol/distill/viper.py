@@ -24,12 +24,26 @@ def viper(
     play_tree: Play | None = None,
     max_nodes: int | None = None,
 ) -> DecisionTree:
-    """Fit trees, as `dagger` does, on states drawn in proportion to what acting wrongly there may cost.
+    """Fit trees as `dagger` does, on states drawn in proportion to the possible cost of a wrong action.
 
     The cost of a state is ℓ(s) = max_a Q(s, a) − min_a Q(s, a). For a policy-gradient teacher Q = log π: under
-    maximum entropy π(a | s) ∝ exp Q(s, a), and what depends on s alone cancels. In each iteration as many
-    states are drawn, with replacement, as there are, and ``max_samples`` at most. The same seed gives the same tree,
-    bit for bit. ``depth`` and ``max_nodes`` are as of `distill`.
+    maximum entropy π(a | s) ∝ exp Q(s, a), and terms that depend on s alone cancel. Each iteration draws as many
+    states, with replacement, as there are, and ``max_samples`` at most.
+
+    Args:
+        teacher: The policy to imitate, with action values.
+        depth: Most comparisons before an answer; see `sympol.distill.distill`.
+        num_iterations: Number of trees that are fitted, one after the other.
+        episodes_per_iteration: Whole episodes that each tree plays.
+        max_samples: Most demonstrations that a tree is fitted on.
+        num_validation_episodes: Episodes by which the best tree is chosen.
+        seed: The same seed gives the same tree, bit for bit.
+        progress: Called after each iteration.
+        play_tree: Plays a tree; by default on the teacher's environment.
+        max_nodes: Most nodes, leaves included; odd.
+
+    Returns:
+        The best tree, not pruned.
 
     Raises:
         ValueError: continuous actions, a teacher without action values, an argument out of bounds, or a teacher
@@ -72,7 +86,7 @@ def losses(teacher: Teacher, x: np.ndarray) -> Float64[np.ndarray, " samples"]:
 
 
 def draw_by_loss(collected: Demonstrations, at_most: int, rng: np.random.Generator) -> Demonstrations:
-    """Draw with replacement in proportion to the losses; alike where no mistake costs anything."""
+    """Draw with replacement in proportion to the losses; uniformly if no mistake costs anything."""
     weights = collected.losses
     assert weights is not None
     total = weights.sum()

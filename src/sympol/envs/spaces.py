@@ -97,7 +97,7 @@ class Features:
             high=np.where(ordered & (np.abs(high) < UNBOUNDED), high, np.float32(np.inf)),
         )
 
-    def reading(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, Any]:
         """What a `DecisionTree` is told of its features, as its constructors take it."""
         return {
             "feature_names": self.names,

@@ -1,1 +1,1 @@
-"""Episodes as moving pictures: the environment, beside it the tree with the way of each observation lit."""
+"""Films of episodes: the environment, and beside it the tree with the path of each observation highlighted."""

@@ -1,4 +1,4 @@
-"""Moving pictures as files: GIF, WebP, MP4."""
+"""Films as files: GIF and WebP by Pillow, MP4 by ffmpeg."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from PIL import Image
 from .. import files
 
 _PALETTE_FROM = 24
-"""Pictures from which the colours of a GIF are chosen."""
+"""Number of pictures from which the colours of a GIF are chosen."""
 _COLOURS, _EXACT_COLOURS = 255, 64
 
 
 class NoCodec(ImportError):
-    """Films need a program that is not installed; the message has the command that installs it."""
+    """The program that writes a film is not installed; the message has the command that installs it."""
 
 
 def check(path: Path) -> None:
-    """Refuse, before anything is played, what could not be written after it.
+    """Refuse a file that cannot be written, before any episode is played.
 
     Raises:
-        ValueError: no format is written under this name.
-        NoCodec: .mp4 without ffmpeg.
-        OSError: the folder does not exist.
+        ValueError: The suffix is that of no format.
+        NoCodec: It is an .mp4, and there is no ffmpeg.
+        OSError: The folder does not exist.
     """
     if path.suffix.lower() not in _WRITERS:
         raise ValueError(f"a film is saved as {', '.join(_WRITERS)}, got {str(path)!r}")
@@ -41,9 +41,18 @@ def check(path: Path) -> None:
 
 
 def write(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequence[int]) -> int:
-    """Write pictures of one size, each shown for some time; return the size of the file.
+    """Write a film. The same pictures give the same file, except for MP4s of different encoders.
 
-    The file is whole or not there. The same pictures are the same file, except for MP4s of different encoders.
+    Args:
+        path: The file, which is written whole or not at all.
+        pictures: Pictures of one size.
+        milliseconds: How long each of them is shown.
+
+    Returns:
+        The size of the file, in bytes.
+
+    Raises:
+        OSError: It cannot be written.
     """
     with tempfile.TemporaryDirectory(prefix="sympol-film-") as folder:
         drawn = Path(folder, path.name)
@@ -75,9 +84,9 @@ def _write_gif(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequen
 
 
 def _palette(pictures: Sequence[Image.Image]) -> list[tuple[int, ...]]:
-    """Choose the colours of all pictures: a palette a picture would be larger, and flicker.
+    """Return one palette for all pictures: a palette for each would be larger, and flicker.
 
-    Those that fill most of them are kept exactly, white above all. The last one is none of the pictures'.
+    The most frequent colours are exact, white above all. The last one is in no picture, and stands for transparency.
     """
     chosen = range(0, len(pictures), -(-len(pictures) // _PALETTE_FROM))
     width, height = pictures[0].size
@@ -118,24 +127,24 @@ def _write_mp4(path: Path, pictures: Sequence[Image.Image], milliseconds: Sequen
     coded = (
         "-an -c:v libx264 -crf 20 -pix_fmt yuv420p -movflags +faststart -fflags +bitexact -flags:v +bitexact"
     )
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as log:
         with warnings.catch_warnings():
             # JAX warns of any fork; the child becomes ffmpeg at once and touches nothing of JAX
             warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
             command = [_ffmpeg(), "-y", "-loglevel", "error", *source.split(), *coded.split(), str(path)]
-            running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
+            running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log)
         with contextlib.suppress(BrokenPipeError), running:  # if it breaks, it says why below
             assert running.stdin is not None
             for picture, time in zip(pictures, milliseconds, strict=True):
                 running.stdin.write(picture.tobytes() * max(1, round(time / tick)))
         if running.returncode:
-            said.seek(0)
-            words = said.read().decode(errors="replace").strip()
+            log.seek(0)
+            words = log.read().decode(errors="replace").strip()
             raise OSError(f"ffmpeg could not write {path.name}: {words}")
 
 
 def _ffmpeg() -> str:
-    """Find the user's own ffmpeg, or the one that the package imageio-ffmpeg brings."""
+    """Return the user's own ffmpeg, or that of the package imageio-ffmpeg."""
     if (program := shutil.which("ffmpeg")) is not None:
         return program
     try:

@@ -1,4 +1,4 @@
-"""One picture of a film: the environment on the left, the tree on the right, a line of words below."""
+"""One picture of a film: the environment on the left, the tree on the right, a line of text below."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..trees import DecisionTree
 from ..trees.floats import printable
+from ..trees.plot import PathPictures
 from ..trees.plot_boxes import INK, PAPER
-from ..trees.plot_paths import Ways
 
 # pixels
 _ENV, _TREE = (480, 480), (760, 660)
@@ -20,27 +20,31 @@ _SMALLEST_ENV = 240
 _MARGIN, _CAPTION, _FONT_SIZE = 12, 34, 17
 _DPI = 92.0
 LARGEST_TREE = 500
-"""Nodes; of a larger tree nothing could be made out."""
+"""Nodes of the largest tree that is drawn; a larger one could not be read."""
 
 
 class Shot(NamedTuple):
-    """What one picture shows."""
+    """The content of one picture.
+
+    Attributes:
+        frame: The environment, as large as `env_picture` makes it.
+        observation: The observation whose path is highlighted, [features]; None shows the whole tree.
+        caption: The text below on the left.
+        earned: The text below on the right.
+        step: The step of the episode.
+        is_last: Whether it is the end of its episode.
+    """
 
     frame: Image.Image
-    """The environment, as large as `env_picture` makes it."""
     observation: np.ndarray | None
-    """What the tree is asked, [features]; None for the whole tree."""
-    said: str
-    """Below on the left."""
+    caption: str
     earned: str
-    """Below on the right."""
     step: int
     is_last: bool = False
-    """Of its episode."""
 
 
 def env_picture(frame: Image.Image) -> Image.Image:
-    """Resize a frame of an environment: small ones by a whole number, so that pixels stay squares."""
+    """Resize a frame of an environment; small ones by a whole number, so that pixels stay squares."""
     width, height = frame.size
     if max(width, height) <= _SMALLEST_ENV:
         times = -(-_SMALLEST_ENV // max(width, height))
@@ -52,32 +56,35 @@ def env_picture(frame: Image.Image) -> Image.Image:
 
 @cache
 def font(size: int) -> ImageFont.FreeTypeFont:
-    """Return the font that comes with Matplotlib: it has arrows and ≤, and is the same everywhere."""
+    """Return Matplotlib's own font: it has arrows and ≤, and is the same everywhere."""
     import matplotlib
 
     file = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     return ImageFont.truetype(str(file), size, layout_engine=ImageFont.Layout.BASIC)
 
 
-class Screen:
-    """Draws shots of one size.
+class FrameLayout:
+    """Draws shots, all of one size: the environment on the left, the tree on the right, a line of text below.
 
-    The tree is drawn once a leaf: an episode comes by few of them again and again. A tree of more than
-    `LARGEST_TREE` nodes is not shown.
+    The tree is drawn once for each leaf that an episode reaches. A tree of more than `LARGEST_TREE` nodes is left out.
+
+    Args:
+        env_size: Width and height of the environment's pictures.
+        tree: The tree, if one is to be shown.
     """
 
     def __init__(self, env_size: tuple[int, int], tree: DecisionTree | None) -> None:
         self._env_size, self._tree = env_size, tree if tree and tree.n_nodes <= LARGEST_TREE else None
-        self._ways = Ways(self._tree, most_pixels=_TREE, dpi=_DPI) if self._tree else None
+        self._paths = PathPictures(self._tree, most_pixels=_TREE, dpi=_DPI) if self._tree else None
         self._pictures: dict[int, Image.Image] = {}
-        tree_size = self._ways.size if self._ways else (0, 0)
-        width = env_size[0] + 2 * _MARGIN + (tree_size[0] + _MARGIN if self._ways else 0)
-        # room for the words where the environment is narrow
+        tree_size = self._paths.size if self._paths else (0, 0)
+        width = env_size[0] + 2 * _MARGIN + (tree_size[0] + _MARGIN if self._paths else 0)
+        # room for the text where the environment is narrow
         width, height = max(width, 360), max(env_size[1], tree_size[1]) + 2 * _MARGIN + _CAPTION
         self.size = width + width % 2, height + height % 2  # films in colour are made of blocks of 2 × 2
 
     def draw(self, shot: Shot) -> Image.Image:
-        """Draw one shot."""
+        """Return the picture of a shot."""
         picture = Image.new("RGB", self.size, PAPER)
         width, height = self.size
         body = height - _CAPTION
@@ -95,7 +102,7 @@ class Screen:
         y = height - _MARGIN - _CAPTION // 4
         earned = self._fitting(shot.earned, width // 2)
         room = width - 3 * _MARGIN - self._font.getlength(earned)
-        draw.text((_MARGIN, y), self._fitting(shot.said, room), INK, self._font, anchor="lm")
+        draw.text((_MARGIN, y), self._fitting(shot.caption, room), INK, self._font, anchor="lm")
         draw.text((width - _MARGIN, y), earned, INK, self._font, anchor="rm")
 
     def _fitting(self, words: str, width: float) -> str:
@@ -109,9 +116,11 @@ class Screen:
         return font(_FONT_SIZE)
 
     def _tree_picture(self, observation: np.ndarray | None) -> Image.Image | None:
-        if self._tree is None or self._ways is None:
+        if self._tree is None or self._paths is None:
             return None
         leaf = -1 if observation is None else int(self._tree.apply(observation))
         if leaf not in self._pictures:
-            self._pictures[leaf] = Image.fromarray(self._ways.whole() if leaf < 0 else self._ways.way(leaf))
+            self._pictures[leaf] = Image.fromarray(
+                self._paths.whole() if leaf < 0 else self._paths.path_to(leaf)
+            )
         return self._pictures[leaf]

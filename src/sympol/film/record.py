@@ -1,4 +1,4 @@
-"""Play episodes and keep what they look like."""
+"""Play episodes and write a film of them."""
 
 from __future__ import annotations
 
@@ -13,30 +13,36 @@ from PIL import Image
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
 from .files import check, write
-from .frame_layout import Screen, Shot, env_picture
-from .rendering import frame_of, rendering
-from .steps import steps
+from .frame_layout import FrameLayout, Shot, env_picture
+from .rendering import frame_of, rendering, steps
 
 MOST_FRAMES = 300
-"""Of longer films every second step is left out, or three of four, …"""
+"""Frames of the longest film; of longer ones every second step is left out, or three of four, …"""
 MOST_BYTES = 5_000_000
-"""Of a GIF or WebP, idem: what a README or a mail can hold."""
+"""Size of the largest GIF or WebP, which a README or a mail can hold; larger ones leave out steps, too."""
 MOST_EPISODES = 100
 _FPS, _SLOWEST_FPS, _SECONDS = 30.0, 2.0, 8.0
 _HOLD = 1500  # milliseconds
 
 
 class Recording(NamedTuple):
-    """A film, and the episodes in it."""
+    """A film, and the episodes in it.
+
+    Attributes:
+        path: The file.
+        returns: The return of each episode.
+        lengths: The steps of each episode.
+        frames: Number of frames.
+        stride: Steps from one frame to the next.
+        size: Size of the file, in bytes.
+    """
 
     path: Path
     returns: list[float]
     lengths: list[int]
     frames: int
     stride: int
-    """Every how many steps there is a frame."""
     size: int
-    """Bytes."""
 
 
 def record(
@@ -50,23 +56,26 @@ def record(
     max_steps: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Recording:
-    """Play an episode a seed with what ``act`` answers to each observation, and write the film.
+    """Play an episode for each seed, and write a film of all of them.
 
     Args:
         act: From an observation of the environment to an action that it takes.
         spec: The environment; ``make_host`` must be there.
-        seeds: One an episode.
-        path: .gif, .webp or .mp4.
-        tree: What to show beside the environment, the way of each observation lit.
-        fps: Steps a second. By default the environment's own pace, at most 30, and slower where an episode is
-            so short that one could not follow.
-        max_steps: Cut episodes there.
-        progress: Told what is being done.
+        seeds: The seed of each episode.
+        path: The file, .gif, .webp or .mp4.
+        tree: A tree to show beside the environment, the path of each observation highlighted.
+        fps: Steps per second. By default the environment's own pace, at most 30, and slower for episodes too short to
+            follow.
+        max_steps: Number of steps after which episodes are cut.
+        progress: Called with a line of text about what is being done.
+
+    Returns:
+        The film.
 
     Raises:
-        ValueError: an argument out of bounds, or an environment that draws no pictures.
-        ImportError: .mp4 without ffmpeg.
-        OSError: the file cannot be written.
+        ValueError: An argument is out of bounds, or the environment draws no pictures.
+        ImportError: The file is an .mp4, and there is no ffmpeg.
+        OSError: The file cannot be written.
     """
     path, tell = Path(path), progress or (lambda words: None)
     _check(seeds, fps, max_steps)
@@ -81,11 +90,11 @@ def record(
     returns, lengths = [total for total, _ in ended], [steps for _, steps in ended]
     if fps is None:
         fps = min(own_fps, _FPS, max(_SLOWEST_FPS, sum(lengths) / _SECONDS))
-    screen = Screen(film.shots[0].frame.size, tree)
+    layout = FrameLayout(film.shots[0].frame.size, tree)
     while True:
         times = [_HOLD if shot.is_last else round(1000 * film.stride / fps) for shot in film.shots]
         frames, stride = len(film.shots), film.stride
-        size = write(path, _Drawn(screen, film.shots, tell), times)
+        size = write(path, _Drawn(layout, film.shots, tell), times)
         if path.suffix.lower() == ".mp4" or size <= MOST_BYTES or not film.thin():
             return Recording(path, returns, lengths, frames, stride, size)
         while size / frames * len(film.shots) > MOST_BYTES and film.thin():
@@ -102,7 +111,7 @@ def _check(seeds: Sequence[int], fps: float | None, max_steps: int | None) -> No
 
 
 class _Film:
-    """Shots of every ``stride`` steps, and of every episode's end; more steps make the stride longer."""
+    """The shots of every ``stride``-th step, and of every episode's end; the stride grows with their number."""
 
     def __init__(self) -> None:
         self.shots: list[Shot] = []
@@ -124,17 +133,17 @@ class _Film:
 
 
 class _Drawn(Sequence[Image.Image]):
-    """Pictures drawn when they are asked for: all of them at once would fill the memory."""
+    """Pictures that are drawn one at a time: all of them at once would fill the memory."""
 
-    def __init__(self, screen: Screen, shots: Sequence[Shot], tell: Callable[[str], None]) -> None:
-        self._screen, self._shots, self._tell = screen, shots, tell
+    def __init__(self, layout: FrameLayout, shots: Sequence[Shot], tell: Callable[[str], None]) -> None:
+        self._layout, self._shots, self._tell = layout, shots, tell
 
     def __len__(self) -> int:
         return len(self._shots)
 
     def __getitem__(self, index: Any) -> Any:
         self._tell(f"drawing frame {index + 1:,} of {len(self):,}")
-        return self._screen.draw(self._shots[index])
+        return self._layout.draw(self._shots[index])
 
 
 def _play(
@@ -152,14 +161,16 @@ def _play(
     now = None
     for now in steps(act, spec, env, seed, max_steps):
         if now.end:
-            said = f"{number}{now.end} after {now.step} step{'s' if now.step > 1 else ''}"
+            caption = f"{number}{now.end} after {now.step} step{'s' if now.step > 1 else ''}"
             picture = env_picture(frame_of(env, spec))
-            film.add(Shot(picture, None, said, _earned(now.earned), now.step, is_last=True))
+            film.add(Shot(picture, None, caption, _earned(now.earned), now.step, is_last=True))
         elif film.wants(now.step):
-            does = ", ".join(spec.actions.words(now.action, digits=3))
+            action = ", ".join(spec.actions.words(now.action, digits=3))
             x = None if tree is None else spec.features.flatten(now.observation)
             picture = env_picture(frame_of(env, spec))
-            film.add(Shot(picture, x, f"{number}step {now.step + 1}   {does}", _earned(now.earned), now.step))
+            film.add(
+                Shot(picture, x, f"{number}step {now.step + 1}   {action}", _earned(now.earned), now.step)
+            )
             tell(f"{number}playing step {now.step + 1:,}")
     assert now is not None
     return now.earned, now.step

@@ -1,30 +1,82 @@
-"""Environments that draw themselves, and the frames they draw."""
+"""Episodes step by step on an environment that draws itself."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 from PIL import Image
 
-from ..envs.host import EnvironmentFailure
+from ..envs.env import MAX_EPISODE_STEPS
+from ..envs.host import EnvironmentFailure, advance, begin
 from ..envs.spec import EnvSpec
 
 
+class Step(NamedTuple):
+    """A step of an episode; meanwhile the environment is in the state of ``observation``.
+
+    Attributes:
+        step: Number of steps before.
+        observation: What the policy observes.
+        action: What it does next, or None after the last step.
+        earned: The return so far.
+        end: ``"terminated"``, ``"truncated"``, or ``"stopped"`` by a limit of steps; empty while the episode goes on.
+    """
+
+    step: int
+    observation: Any
+    action: Any
+    earned: float
+    end: str = ""
+
+
+def steps(
+    act: Callable[[Any], Any],
+    spec: EnvSpec,
+    env: gymnasium.Env,
+    seed: int,
+    max_steps: int | None = None,
+) -> Iterator[Step]:
+    """Play an episode, step by step; the last one is its end.
+
+    Args:
+        act: From an observation of the environment to an action that it takes.
+        spec: The environment's description, with its limit of steps.
+        env: The environment.
+        seed: The episode's seed.
+        max_steps: A lower limit of steps.
+    """
+    observation = begin(env, seed=seed)
+    limit = min(max_steps or MAX_EPISODE_STEPS, spec.max_episode_steps or MAX_EPISODE_STEPS)
+    total, step, end = 0.0, 0, ""
+    while not end:
+        action = act(observation)
+        yield Step(step, observation, action, total)
+        observation, reward, terminated, truncated = advance(env, action)
+        total, step = total + reward, step + 1
+        if terminated or truncated or step >= limit:
+            end = "terminated" if terminated else "truncated" if truncated else "stopped"
+    yield Step(step, observation, None, total, end)
+
+
 class CannotRender(ValueError):
-    """An environment that draws no pictures; the message says what to do."""
+    """An environment that draws no pictures; the message names the remedy."""
 
 
 @contextlib.contextmanager
 def rendering(spec: EnvSpec) -> Iterator[gymnasium.Env]:
     """Make an environment with ``render_mode="rgb_array"``, and close it afterwards.
 
+    Args:
+        spec: The environment; ``make_host`` must be there.
+
     Raises:
-        CannotRender: it has no such mode.
+        CannotRender: It has no such mode.
     """
     assert spec.make_host is not None
     with _without_display():
@@ -41,7 +93,11 @@ def rendering(spec: EnvSpec) -> Iterator[gymnasium.Env]:
 
 
 def frame_of(env: gymnasium.Env, spec: EnvSpec) -> Image.Image:
-    """Return what the environment looks like now. Raises CannotRender if that is no picture."""
+    """Return a picture of the environment as it is now.
+
+    Raises:
+        CannotRender: It draws something else.
+    """
     frame = env.render()
     if not isinstance(frame, np.ndarray) or frame.ndim != 3 or frame.shape[2] < 3 or 0 in frame.shape:
         got = f"an array of shape {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
@@ -63,7 +119,7 @@ def _make(spec: EnvSpec) -> gymnasium.Env:
     try:
         return make(render_mode="rgb_array")
     except (TypeError, ValueError, AssertionError, EnvironmentFailure):
-        # it does not take the argument, or not this one, but may have been told already
+        # it does not take the argument, or not this value, but may have it already
         return make()
 
 
@@ -77,7 +133,7 @@ def _remedy(spec: EnvSpec, env: gymnasium.Env) -> str:
 
 @contextlib.contextmanager
 def _without_display() -> Iterator[None]:
-    """Let pygame draw where there is no screen; what the user has chosen stays."""
+    """Let pygame draw without a screen, unless the user has chosen a driver."""
     if "SDL_VIDEODRIVER" in os.environ:
         yield
         return

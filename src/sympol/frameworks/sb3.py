@@ -65,7 +65,7 @@ class TreePolicy(ActorCriticPolicy):
         learning_rates: Others than `LEARNING_RATES`, by name.
         shift: Of the scaling (x − shift) · scale, one number a feature; `warm_up` finds both. By default features with
             finite bounds go to [−1, 1], and the others keep their size.
-        scale: Idem.
+        scale: Of the same scaling, one positive number a feature.
         net_arch: Width of each hidden layer of the critic.
         activation_fn: Between them.
         log_std_init: Initial log standard deviation of continuous actions.
@@ -202,7 +202,7 @@ class TreePolicy(ActorCriticPolicy):
         action_names: Sequence[str] | None = None,
         groups: Sequence[Group] | None = None,
     ) -> DecisionTree:
-        """The complete tree in raw units; it answers every observation as ``predict(..., deterministic=True)`` does.
+        """Return the complete tree in raw units, which acts as ``predict(..., deterministic=True)`` does.
 
         Args:
             env: Whose names, groups and bounds the tree is to have; by default it has what the spaces say.
@@ -210,10 +210,13 @@ class TreePolicy(ActorCriticPolicy):
             action_names: One an action, or one a component of it.
             groups: The features that are one-hot together.
 
+        Returns:
+            The complete tree, not pruned.
+
         Raises:
             ValueError: the environment's spaces are not the policy's, or names do not fit.
         """
-        features, actions, meta = self._reading(env, feature_names, action_names, groups)
+        features, actions, meta = self._metadata(env, feature_names, action_names, groups)
         if isinstance(actions, BoxActions):
             std = tuple(self.log_std.detach().exp().cpu().tolist())
             actions = BoxActions(actions.low, actions.high, actions.shape, actions.names, std)
@@ -228,10 +231,10 @@ class TreePolicy(ActorCriticPolicy):
             extractor.scale.cpu().numpy(),
             actions=actions,
             meta=meta,
-            **features.reading(),
+            **features.metadata(),
         )
 
-    def _reading(
+    def _metadata(
         self,
         env: str | gymnasium.Env | EnvSpec | None,
         feature_names: Sequence[str] | None,

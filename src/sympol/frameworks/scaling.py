@@ -52,10 +52,18 @@ class ScaledFeatures(BaseFeaturesExtractor):
 
 
 def warm_up(env: str | gymnasium.Env, num_steps: int = 2048, *, seed: int = 0) -> dict[str, list[float]]:
-    """Scale features by what random actions see: ``policy_kwargs={"depth": 5, **warm_up("CartPole-v1")}``.
+    """Find a scaling from random actions: ``policy_kwargs={"depth": 5, **warm_up("CartPole-v1")}``.
 
     What moves gets mean 0 and standard deviation ½, as in sympol's own training: thresholds then start where the
     observations are. An environment that is given as an object is reset, and left in the middle of an episode.
+
+    Args:
+        env: An id, or a Gymnasium environment.
+        num_steps: Number of random actions.
+        seed: Seeds the environment and the actions.
+
+    Returns:
+        ``shift`` and ``scale``, each with one number for each feature.
 
     Raises:
         ValueError: no steps, a space that a tree cannot have, or an observation too large to be scaled.

@@ -41,6 +41,16 @@ def hard_tree(
     The gradient is the exact straight-through gradient of `sympol.functional.hard_tree`; entries of ``x`` that are NaN
     or infinite contribute nothing to it, and ``x`` itself has none.
 
+    Args:
+        feature_logits: ``[N, F]``; the largest logit of a node chooses its feature.
+        thresholds: ``[N, F]``; a threshold for each feature that a node may compare.
+        leaf_values: ``[L, A]`` with L = N + 1; the outputs of each leaf.
+        x: Observations ``[B, F]``.
+        surrogate: The function whose slope replaces that of the hard step, ``"sigmoid"`` or ``"softsign"``.
+
+    Returns:
+        Outputs ``[B, A]``.
+
     Raises:
         ValueError: if shapes, dtypes or the surrogate do not fit.
     """

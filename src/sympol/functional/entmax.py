@@ -31,6 +31,9 @@ def entmax15(logits: Float[Array, "*shape"], axis: int = -1) -> Float[Array, "*s
         logits: finite numbers, at least one along ``axis``.
         axis: the axis that sums to one.
 
+    Returns:
+        Probabilities of the same shape, some of them exactly zero.
+
     Raises:
         ValueError: if ``logits`` has no such axis, or nothing along it.
     """
@@ -42,7 +45,7 @@ def entmax15(logits: Float[Array, "*shape"], axis: int = -1) -> Float[Array, "*s
 
 
 def entmax15_vjp(logits: Float[Array, "rows n"], v: Float[Array, "rows n"]) -> Float[Array, "rows n"]:
-    """The derivative of entmax15 along the last axis times ``v``, without its value."""
+    """Return the derivative of entmax15 along the last axis times ``v``, without its value."""
     if logits.shape[1] > 32:
         return _product(_root(logits, 1), v, 1)
     # XLA's sums over a short last axis are slow; down the columns they are vectorised

@@ -1,4 +1,4 @@
-"""The order of the float32 numbers: where exactly does a rounded function cross a threshold?"""
+"""The order of the float32 numbers, and where exactly a rounded function crosses a threshold."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from ..trees.floats import flushed
 
 
 def to_rank(x: ArrayLike) -> np.ndarray:
-    """Place of each float32 in their order, an int64; neighbours differ by one, −0 and +0 are one."""
+    """Return the rank of each float32 as int64: neighbours differ by one, −0 and +0 are equal."""
     bits = np.asarray(x, np.float32).view(np.int32).astype(np.int64)
     return np.where(bits >= 0, bits, -(bits & 0x7FFFFFFF))
 
 
 def from_rank(rank: np.ndarray) -> np.ndarray:
-    """The float32 at each place."""
+    """Return the float32 with each rank."""
     magnitude = np.abs(rank).astype(np.int32).view(np.float32)
     return np.where(rank < 0, -magnitude, magnitude).astype(np.float32)
 
 
 def largest_below(function: Callable[[np.ndarray], np.ndarray], threshold: np.ndarray) -> np.ndarray:
-    """For each threshold the largest finite float32 x with ``function(x) <= threshold``.
+    """Return for each threshold the largest finite float32 x with ``function(x) <= threshold``.
 
     ``function`` works element by element and never falls as x grows, rounding included. Bisection over the 2³²
     floats, so the answer is exact: ``x <= answer`` and ``function(x) <= threshold`` agree on every float32.
@@ -44,9 +44,17 @@ UNDERFLOW = float(np.finfo(np.float32).smallest_normal) * (1 - 2**-25)
 
 
 def unscale_thresholds(threshold: np.ndarray, shift: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Raw thresholds that split as ``(x − shift) · scale <= threshold`` does in float32, for every x.
+    """Return raw thresholds that split every x as ``(x − shift) · scale <= threshold`` does in float32.
 
-    What is subnormal counts as zero: parameters, observations and every result on the way.
+    Subnormal parameters, observations and intermediate results count as zero.
+
+    Args:
+        threshold: Thresholds of scaled features, of any shape.
+        shift: The shift of each threshold's feature, of the same shape.
+        scale: The scale of each threshold's feature, of the same shape; positive.
+
+    Returns:
+        Thresholds of raw features, float32.
     """
     shift, scale = flushed(shift), flushed(scale)
 

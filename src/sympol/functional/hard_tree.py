@@ -49,11 +49,14 @@ def hard_tree(
     ``x`` itself has no gradient (it is zero).
 
     Args:
-        feature_logits: which feature a node looks at.
-        thresholds: one threshold for each node and feature.
-        leaf_values: what a leaf answers: logits, or means.
-        x: the observations.
-        surrogate: S, the logistic function or (softsign + 1)/2.
+        feature_logits: ``[N, F]``; the largest logit of a node chooses its feature.
+        thresholds: ``[N, F]``; a threshold for each feature that a node may compare.
+        leaf_values: ``[L, A]`` with L = N + 1; the logits or means of each leaf.
+        x: Observations ``[B, F]``.
+        surrogate: S, the logistic function (``"sigmoid"``) or (softsign + 1)/2 (``"softsign"``).
+
+    Returns:
+        Outputs ``[B, A]``.
 
     Raises:
         ValueError: if shapes, dtypes or the surrogate do not fit.
@@ -65,7 +68,15 @@ def hard_tree(
 def select(
     feature_logits: Float[Array, "N F"], thresholds: Float[Array, "N F"]
 ) -> tuple[Int[Array, " N"], Float[Array, " N"]]:
-    """The feature each node looks at, and its threshold: what acting needs, once for a whole rollout."""
+    """Select the feature of each node and its threshold, once for a whole rollout.
+
+    Args:
+        feature_logits: As in `hard_tree`.
+        thresholds: As in `hard_tree`.
+
+    Returns:
+        Features and thresholds, each ``[N]``.
+    """
     num_nodes, num_features = feature_logits.shape
     # jnp.argmax, in the words that XLA vectorises (three times faster for 147 features)
     candidate = jnp.arange(num_features, dtype=jnp.int32)[None]
@@ -78,10 +89,17 @@ def select(
 def leaf_index(
     feature: Int[Array, " N"], threshold: Float[Array, " N"], x: Float[Array, "B F"]
 ) -> Int[Array, " B"]:
-    """The leaf (0 to L − 1) each observation falls into: D comparisons, no gradient.
+    """Return the leaf that each observation reaches, after D comparisons; it has no gradient.
 
-    ``feature`` and ``threshold`` are those of `select` (a feature outside 0 to F − 1 is not checked);
-    ``leaf_values[leaf_index(...)]`` is `hard_tree` to the bit.
+    ``leaf_values[leaf_index(...)]`` equals `hard_tree` to the bit.
+
+    Args:
+        feature: The features that `select` returned; one outside 0 to F − 1 is not checked.
+        threshold: The thresholds that `select` returned.
+        x: Observations ``[B, F]``.
+
+    Returns:
+        Leaves ``[B]``, from 0 to L − 1.
 
     Raises:
         ValueError: if the number of nodes is not that of a full tree.

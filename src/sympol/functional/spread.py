@@ -1,4 +1,4 @@
-"""Which features of an observation move, judged in their own unit: a spread is large or small beside the values only.
+"""Find out which features of an observation vary, each relative to its own values.
 
 Everything that scales features asks here: training, warm starts, stable-baselines3's policy.
 """
@@ -23,7 +23,7 @@ _FAR = 256.0
 
 
 def moves(low: Any, high: Any) -> Any:
-    """Whether a feature that was seen from ``low`` to ``high`` is one that moves; NumPy's arrays or JAX's."""
+    """Return whether a feature that was seen from ``low`` to ``high`` varies; for arrays of NumPy or JAX."""
     spread = high - low
     return (spread > RESOLUTION * abs(low)) & (spread > RESOLUTION * abs(high))
 
@@ -31,7 +31,7 @@ def moves(low: Any, high: Any) -> Any:
 def center_and_scale(
     x: Float[Array, "batch features"],
 ) -> tuple[Bool[Array, " features"], Float[Array, " features"], Float[Array, " features"]]:
-    """Which features move, the mean of each, and half the inverse of its standard deviation.
+    """Return which features vary, the mean of each, and half the inverse of its standard deviation.
 
     Features of an unusual unit, or far from zero, are brought near one first, because in float32 their squares would
     vanish or overflow, and their sum would lose what they differ in.

@@ -1,4 +1,4 @@
-"""What the three ways of doing tasks share: who is at work, what is done, what failed, what is left."""
+"""The state that all ways of running tasks share: workers, finished tasks, failures, and the rest."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
+from ..console import PrintableConsole
 from ..interrupts import interrupts
 from .task import Failure, Result, Task, TasksFailed
 
@@ -35,7 +35,7 @@ class Board:
         self._over: set[str] = set()
         self._seconds: list[float] = []
         self._show = show
-        self._console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+        self._console = PrintableConsole(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         self._lines = show and not self._console.is_terminal
         self._bar = Progress(
             TextColumn("[bold]tasks[/]"),
@@ -82,7 +82,7 @@ class Board:
         self._draw()
 
     def answer(self, task: Task, answer: str) -> None:
-        """What `perform` said of it."""
+        """Record the answer of `perform`."""
         content = json.loads(answer)
         if "error" in content:
             self.fail(task, content["error"], content["details"])

@@ -1,4 +1,4 @@
-"""What a task is, and how it is done: the same few lines in this process, in another and on another machine."""
+"""Tasks, and how they run: the same few lines in this process, in another and on another machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every actor is to the algorithms: outputs for observations, and a log standard deviation."""
+"""The interface of every actor: outputs for observations, and a log standard deviation."""
 
 from __future__ import annotations
 

@@ -27,16 +27,16 @@ class Distribution(Protocol):
 
     @property
     def num_outputs(self) -> int:
-        """How many numbers a leaf holds."""
+        """The number of outputs of a leaf."""
         ...
 
     @property
     def num_std(self) -> int:
-        """How many log standard deviations there are: none for discrete actions."""
+        """The number of log standard deviations; none for discrete actions."""
         ...
 
     def noise(self, key: PRNGKeyArray, shape: tuple[int, ...]) -> Float[Array, "..."]:
-        """What `sample` needs for ``shape`` actions."""
+        """Draw the noise that `sample` needs for ``shape`` actions."""
         ...
 
     def sample(self, outputs: Array, log_std: Array, noise: Array) -> Action:
@@ -109,7 +109,7 @@ class Categorical:
         return -jnp.sum(jnp.exp(log_p) * log_p, axis=-1)
 
     def to_env(self, action: Action) -> Action:
-        """As it is."""
+        """Return the action unchanged."""
         return action
 
 
@@ -161,7 +161,7 @@ class MultiCategorical:
         )
 
     def to_env(self, action: Action) -> Action:
-        """As it is."""
+        """Return the action unchanged."""
         return action
 
 

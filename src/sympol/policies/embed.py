@@ -30,7 +30,7 @@ LEAST_LOG_STD = -10.0
 
 
 class Places(NamedTuple):
-    """Where the nodes of a tree lie in a complete one, whose nodes are counted level by level."""
+    """The positions of a tree's nodes in a complete tree, counted level by level."""
 
     split: Int[np.ndarray, " inner"]
     """The tree's node at each split; −1 where a split only fills up."""

@@ -49,7 +49,7 @@ class SoftTree(eqx.Module):
 
     @property
     def weights(self) -> Float[Array, "nodes features"]:
-        """How much each node looks at each feature; rows sum to one."""
+        """Return the weight of each feature in each node; rows sum to one."""
         return entmax15(self.feature_logits)
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
@@ -66,5 +66,5 @@ class SoftTree(eqx.Module):
         return reach
 
     def rollout(self) -> SoftTree:
-        """As it is: there is nothing to choose beforehand."""
+        """Return the tree itself: there is nothing to select beforehand."""
         return self

@@ -15,15 +15,13 @@ from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.floats import printable
 from ..trees.report import policy_data, write_page
+from .data import check_test, policy_of, tests_data
 from .episodes import drawing_of, filmed
-from .page import check_test
-from .policies import policy_of
-from .wording import tests_data
 
 MOST = 6
-"""Policies side by side."""
+"""The largest number of policies side by side."""
 FILMED = 2
-"""Episodes to be seen, the first of the test's."""
+"""Number of test episodes, the first ones, that can be watched."""
 _KINDS = {"mlp": "neural network", "sdt": "soft tree", "tree": "decision tree"}
 
 
@@ -36,10 +34,19 @@ def compare(
 ) -> str:
     """Write the page of several runs, trees or not, on the same test episodes.
 
+    Args:
+        runs: The runs, 2 to `MOST`, of one environment.
+        episodes: Number of test episodes.
+        seed: Seed of the episodes.
+        progress: Called with a line of text about what is being done.
+
+    Returns:
+        The page, as HTML.
+
     Raises:
-        RunError: they are of different environments, or one cannot be read.
-        ValueError: fewer than 2 runs or more than `MOST`, an argument out of bounds, or an environment that
-            Gymnasium does not have.
+        RunError: They are of different environments, or one cannot be read.
+        ValueError: There are too few or too many runs, an argument is out of bounds, or Gymnasium lacks the
+            environment.
     """
     check_test(episodes, seed)
     if not 2 <= len(runs) <= MOST:

@@ -12,8 +12,7 @@ import numpy as np
 from ..agents import Agent
 from ..envs.copies import open_copies
 from ..envs.spec import EnvSpec
-from ..film.rendering import CannotRender, frame_of, rendering
-from ..film.steps import steps
+from ..film.rendering import CannotRender, frame_of, rendering, steps
 from ..play import TEST, acting, require_host
 from ..trees import DecisionTree
 from ..trees.report import packed

@@ -12,12 +12,12 @@ import tomli_w
 
 from ..envs.spec import EnvSpec
 from ..play import Episodes, episode_seed, play
+from ..runs.formatting import format_return
 from ..runs.run import Run
 from ..trees.floats import printable
 from ..trees.report import policy_data, programs_data, size_facts, write_page
-from .checks import checks_data, properties_of
+from .data import check_test, checks_data, properties_of, tests_data
 from .episodes import drawing_of, filmed
-from .wording import return_words, tests_data
 
 _CURVES = {"eval/mean_reward": "validation, deterministic", "rollout/ep_rew_mean": "training, exploring"}
 
@@ -34,17 +34,20 @@ def report(
 
     Args:
         run: The run.
-        episodes: Test episodes: those of `evaluate_policy` with the same seed. The worst, the median and the best
-            of them are in the page.
-        seed: Another seed, other episodes.
+        episodes: Number of test episodes, those of `evaluate_policy` with the same seed. The worst, the median and the
+            best are in the page.
+        seed: Seed of the episodes.
         properties: A file of properties to prove; by default RUN/safety.toml, if it is there.
-        progress: Told what is being done, in words.
+        progress: Called with a line of text about what is being done.
+
+    Returns:
+        The page, as HTML.
 
     Raises:
-        RunError: the run has no tree, or cannot be read.
-        ValueError: an argument out of bounds, an environment that Gymnasium does not have, or a file that holds no
-            properties of this tree.
-        OSError: that file cannot be read.
+        RunError: The run has no tree, or cannot be read.
+        ValueError: An argument is out of bounds, Gymnasium lacks the environment, or the file holds no properties of
+            this tree.
+        OSError: The file cannot be read.
     """
     check_test(episodes, seed)
     tell = progress or (lambda words: None)
@@ -72,14 +75,6 @@ def report(
     return write_page(f"{spec.name}: a policy", "report", data)
 
 
-def check_test(episodes: int, seed: int) -> None:
-    """Raise ValueError for test episodes that there cannot be."""
-    if episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed}")
-
-
 def _player(
     tree: Any, spec: EnvSpec, tested: Episodes, seed: int, tell: Callable[[str], None]
 ) -> dict[str, Any]:
@@ -87,7 +82,7 @@ def _player(
     seeds = [episode_seed(seed, episode) for episode in chosen.values()]
     (played,), fps = filmed([tree], spec, seeds, tell)
     titles = [
-        f"{name}: return {return_words(episode['earned'][-1])} in {episode['length']:,} steps"
+        f"{name}: return {format_return(episode['earned'][-1])} in {episode['length']:,} steps"
         + (
             ", cut there"
             if episode["end"] == "stopped" and episode["length"] != spec.max_episode_steps

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import files
-from ..trees.plot_page import STYLE
+from ..trees.plot_style import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""One writer at a time: a file that one process holds locked, and that the operating system releases when it dies."""
+"""Locks that keep two processes from writing the same files; the operating system releases those of dead processes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from ..files import NO_LINK
 from .metadata import RunError
 
 LOCK = ".sympol.lock"
-"""Its name in a run's folder, which has one only while it is written, or after its writer was killed."""
+"""The lock's file in a run's folder, there only while the run is written or after its writer was killed."""
 WORK_LOCK = ".bench.lock"
-"""Its name in a folder that holds the work of many processes: runs of a bench, a search."""
+"""The lock's file in a folder that holds the work of many processes: a bench, a search."""
 _PATIENCE = 0.2
-"""Seconds for which a lock is tried: whoever only asks whether it is free holds it for a moment."""
+"""Seconds for which a lock is tried: `writer_of` holds it for a moment."""
 _HELD_BY_ANOTHER = {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
 _NO_LOCKS_HERE = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL}
 
 
 class Held(Exception):
-    """Another process, or another lock of this process, holds it; the message says which."""
+    """Another process, or another lock of this process, holds the lock; the message names it."""
 
 
 class Busy(RunError):
@@ -53,9 +53,12 @@ class FileLock:
     def acquire(self, *, wait: bool = False) -> None:
         """Take the lock.
 
+        Args:
+            wait: Whether to wait until it is free.
+
         Raises:
-            Held: somebody has it, and this is not to ``wait``.
-            OSError: the file cannot be made.
+            Held: It is not free, and ``wait`` is False.
+            OSError: The file cannot be made.
         """
         deadline = time.monotonic() + _PATIENCE
         while not self._try():
@@ -64,7 +67,7 @@ class FileLock:
             time.sleep(0.02)
 
     def release(self, *, remove: bool = True) -> None:
-        """Let others have it; the file may stay."""
+        """Release the lock, and remove its file unless ``remove`` is False."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is None or descriptor not in _OPEN:
             return  # it was never taken, or by the process that this one was forked from
@@ -76,17 +79,17 @@ class FileLock:
 
     @property
     def is_held(self) -> bool:
-        """Whether this process has it, and the file is still there."""
+        """Return whether this process holds the lock, and its file is still there."""
         descriptor = self._descriptor
         return descriptor is not None and descriptor in _OPEN and _is_still(self.path, descriptor)
 
     def __enter__(self) -> Self:
-        """Take it."""
+        """Take the lock."""
         self.acquire()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let others have it."""
+        """Release the lock."""
         self.release()
 
     def _try(self) -> bool:
@@ -112,8 +115,8 @@ class FolderLock:
     """The right of this process to write in a folder; it may be taken again where this process has it already.
 
     Raises:
-        Held: another process writes there.
-        OSError: the folder cannot be written.
+        Held: Another process writes there.
+        OSError: The folder cannot be written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -127,7 +130,7 @@ class FolderLock:
             _FOLDERS[self._key] = lock, count + 1
 
     def release(self, *, remove: bool = True) -> None:
-        """Give it up, once; the file may stay."""
+        """Release the lock, once, and remove its file unless ``remove`` is False."""
         with _MUTEX:
             mine, self._lock = self._lock, None
             lock, count = _FOLDERS.get(self._key, (None, 0))
@@ -140,7 +143,7 @@ class FolderLock:
                 mine.release(remove=remove)
 
     def __del__(self) -> None:
-        """Give it up with the last reference to it."""
+        """Release the lock with the last reference to it."""
         if hasattr(self, "_lock") and not sys.is_finalizing():
             self.release()
 
@@ -184,7 +187,7 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
 
 
 def writer_of(folder: Path) -> str | None:
-    """The other process that writes in a folder; None where there is none."""
+    """Return the other process that writes in a folder, or None."""
     with _MUTEX:
         if os.path.realpath(folder) in _FOLDERS:
             return None
@@ -227,7 +230,7 @@ def _holder(path: Path) -> str:
 
 
 def _is_still(path: Path, descriptor: int) -> bool:
-    """Whether the open file is the one of this name: its holder may have removed it meanwhile."""
+    """Return whether an open file still has this name: its holder may have removed it meanwhile."""
     try:
         return os.path.samestat(os.lstat(path), os.fstat(descriptor))
     except OSError:
@@ -235,7 +238,7 @@ def _is_still(path: Path, descriptor: int) -> bool:
 
 
 def _lock(descriptor: int, path: Path) -> bool:
-    """Lock an open file, if nobody else has; return whether that could be done."""
+    """Lock an open file, and return whether it was free."""
     try:
         _lock_now(descriptor)
     except OSError as error:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,10 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-
-def decimals(mean: float) -> int:
-    """How many to write of a return: where it is about 1 (MiniGrid), the third still matters."""
-    return 1 if abs(mean) >= 10 else 3
+from ..console import PrintableConsole
+from .formatting import format_return
 
 
 class ProgressBar:
@@ -33,7 +30,7 @@ class ProgressBar:
             TextColumn("{task.fields[note]}"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
-            console=Console(stderr=True),
+            console=PrintableConsole(stderr=True),
             disable=not show,
         )
         self._total = total
@@ -46,7 +43,7 @@ class ProgressBar:
         self._progress.update(
             self._task,
             completed=min(int(metrics["time/total_timesteps"]), self._total),
-            note=f"return {earned:,.{decimals(earned)}f} · {fps:,.0f} steps/s",
+            note=f"return {format_return(earned)} · {fps:,.0f} steps/s",
         )
 
     def say(self, note: str) -> None:

@@ -81,7 +81,7 @@ class Run:
         self._env, self._trust = env, trust
         self.metrics = MetricsFile(path / "metrics.csv")
         self.way_on = (
-            "make it again" if self.is_distilled else f"go on with: sympol resume {self.as_argument}"
+            "make it again" if self.is_distilled else f"resume with: sympol resume {self.as_argument}"
         )
         self._lock: FolderLock | None = None
 

@@ -23,18 +23,18 @@ from ..policies.extract import extract_tree
 from ..policies.tree import Tree
 from ..trees import DecisionTree
 from ..trees.preorder import complete_order
-from ..trees.prune_on import packed
+from ..trees.prune import select_nodes
 
 CLOSED = float(np.finfo(np.float32).max)
 """The largest float32; the division by a temperature may make infinity of it, which is as good."""
 
 
-def open_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **reading: Any) -> DecisionTree:
+def open_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **metadata: Any) -> DecisionTree:
     """`extract_tree`, without the closed nodes."""
     thresholds = np.asarray(actor.thresholds)
     closed = (thresholds == -CLOSED).all(axis=1).astype(int) - (thresholds == CLOSED).all(axis=1)
     bare = np.where(closed[:, None] == 0, thresholds, 0)
-    full = extract_tree(eqx.tree_at(lambda a: a.thresholds, actor, bare), shift, scale, **reading)
+    full = extract_tree(eqx.tree_at(lambda a: a.thresholds, actor, bare), shift, scale, **metadata)
     way = np.append(closed, np.zeros(len(closed) + 1, int))[complete_order(len(closed))]
     left, right = full.children_left.copy(), full.children_right.copy()
     in_place = np.arange(full.n_nodes)
@@ -42,7 +42,7 @@ def open_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **reading: Any)
         left[node], right[node] = in_place[left[node]], in_place[right[node]]
         if way[node]:  # -1 to the left, 1 to the right
             in_place[node] = left[node] if way[node] < 0 else right[node]
-    return packed(full, left, right, int(in_place[0]))
+    return select_nodes(full, left, right, int(in_place[0]))
 
 
 def close(actor: Tree, shift: np.ndarray, scale: np.ndarray, small: DecisionTree, spare: int = 0) -> Tree:

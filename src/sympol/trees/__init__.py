@@ -1,9 +1,8 @@
-"""The decision tree and what one does with it: NumPy only."""
+"""Decision trees as policies: their data, and functions that read, change, prove and export them. NumPy only."""
 
 from .actions import ActionSpec, BoxActions, DiscreteActions, MultiDiscreteActions
 from .groups import Group
-from .prune import prune, prune_unvisited
-from .prune_on import prune_on
+from .prune import prune, prune_on, prune_unvisited
 from .tree import DecisionTree
 
 __all__ = [

@@ -1,6 +1,6 @@
-"""What the numbers at a leaf mean: three final classes, one for each kind of action space.
+"""Action specifications: the meaning of a tree's outputs, one class for each kind of action space.
 
-| class | value at a leaf | deterministic action |
+| class | outputs | deterministic action |
 |---|---|---|
 | `DiscreteActions` | n logits | the most likely action, an int64 |
 | `MultiDiscreteActions` | the logits of all components in turn | the most likely option of each, int64 |
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def _named(names: Sequence[str], defaults: Sequence[str], what: str) -> tuple[str, ...]:
-    """Check the names of things, or give them names when there are none."""
+    """Return the names, or defaults where there are none. Raises ValueError for a wrong number of names."""
     names = tuple(names) or tuple(defaults)
     if len(names) != len(defaults) or not all(isinstance(name, str) for name in names):
         raise ValueError(f"expected {len(defaults)} names of {what}, got {names!r}")
@@ -41,7 +41,16 @@ def _softmax(logits: Float32[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch
 @final
 @dataclass(frozen=True)
 class DiscreteActions:
-    """One of n actions, numbered from ``start``."""
+    """A choice of one of n actions, numbered from ``start``.
+
+    Args:
+        n: The number of actions, at least 1.
+        names: Their names; ``action 0``, ``action 1``, … by default.
+        start: The number of the first action.
+
+    Raises:
+        ValueError: If there is no action, or not one name for each.
+    """
 
     n: int
     names: tuple[str, ...] = ()
@@ -58,26 +67,58 @@ class DiscreteActions:
 
     @property
     def n_outputs(self) -> int:
-        """Numbers at a leaf."""
+        """The number of outputs of a tree."""
         return self.n
 
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, " batch"]:
-        """Return the deterministic action of each row."""
+        """Return the deterministic action for each row of outputs.
+
+        Args:
+            values: What the tree outputs, [batch, outputs].
+
+        Returns:
+            Actions as the environment takes them, [batch, *action].
+        """
         return np.argmax(values, axis=1) + np.int64(self.start)
 
     def probabilities(self, values: Float32[np.ndarray, "batch outputs"]) -> Float[np.ndarray, "batch n"]:
-        """Return the probability of each action, row by row."""
+        """Return the probability of each action.
+
+        Args:
+            values: Logits, [batch, n].
+
+        Returns:
+            Probabilities in float64, [batch, n].
+        """
         return _softmax(values)
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Say what an action does: ``("push left",)``."""
+        """Describe an action: ``("push left",)``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         return (printable(self.names[int(np.asarray(action)) - self.start]),)
 
 
 @final
 @dataclass(frozen=True)
 class MultiDiscreteActions:
-    """Several choices at once; component k has ``nvec[k]`` options, numbered from ``start[k]``."""
+    """Several discrete choices at once; component k has ``nvec[k]`` options, numbered from ``start[k]``.
+
+    Args:
+        nvec: The number of options of each component.
+        names: The names of the components; ``action[0]``, … by default.
+        options: The names of the options of each component; their numbers by default.
+        start: The number of the first option of each component; 0 by default.
+
+    Raises:
+        ValueError: If a component has no option, or numbers of names do not agree.
+    """
 
     nvec: tuple[int, ...]
     names: tuple[str, ...] = ()
@@ -105,26 +146,55 @@ class MultiDiscreteActions:
 
     @property
     def n_outputs(self) -> int:
-        """Numbers at a leaf."""
+        """The number of outputs of a tree."""
         return sum(self.nvec)
 
     def split(self, values: Float32[np.ndarray, "batch outputs"]) -> list[Float32[np.ndarray, "batch n"]]:
-        """Part the logits by component."""
+        """Split logits [batch, outputs] by component.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            One array ``[batch, options]`` for each component.
+        """
         return np.split(values, np.cumsum(self.nvec)[:-1], axis=1)
 
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, "batch components"]:
-        """Return the deterministic action of each row."""
+        """Return the deterministic action for each row of outputs.
+
+        Args:
+            values: What the tree outputs, [batch, outputs].
+
+        Returns:
+            Actions as the environment takes them, [batch, *action].
+        """
         chosen = [np.argmax(logits, axis=1) for logits in self.split(values)]
         return np.stack(chosen, axis=1) + np.array(self.start, dtype=np.int64)
 
     def probabilities(
         self, values: Float32[np.ndarray, "batch outputs"]
     ) -> tuple[Float[np.ndarray, "batch n"], ...]:
-        """Return for each component the probability of each option, row by row."""
+        """Return the probability of each option of each component.
+
+        Args:
+            values: Logits, [batch, outputs].
+
+        Returns:
+            Probabilities in float64, an array [batch, options] for each component.
+        """
         return tuple(_softmax(logits) for logits in self.split(values))
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Say what an action does, component by component: ``("gas: on", "steer: left")``."""
+        """Describe an action, component by component: ``("gas: on", "steer: left")``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         chosen = (np.asarray(action) - np.array(self.start)).tolist()
         return tuple(
             f"{printable(name)}: {printable(options[option])}"
@@ -135,9 +205,19 @@ class MultiDiscreteActions:
 @final
 @dataclass(frozen=True)
 class BoxActions:
-    """A float32 array within bounds; ``std`` is the policy's noise, the same at every leaf, if it has any.
+    """A float32 array within bounds.
 
-    Bounds, names and std are one a number, in C order, whatever the shape.
+    Bounds, names and std hold one entry for each number of the action, in C order.
+
+    Args:
+        low: Lower bounds, or one for all.
+        high: Upper bounds, or one for all.
+        shape: The shape of an action.
+        names: The names of its numbers; ``action[0]``, … by default.
+        std: The standard deviation of the policy's noise, the same at every leaf; None without noise.
+
+    Raises:
+        ValueError: If sizes do not agree, a lower bound exceeds its upper bound, or std is negative or infinite.
     """
 
     low: tuple[float, ...]
@@ -167,20 +247,45 @@ class BoxActions:
 
     @property
     def n_outputs(self) -> int:
-        """Numbers at a leaf."""
+        """The number of outputs of a tree."""
         return len(self.low)
 
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Float32[np.ndarray, "batch ..."]:
-        """Return the deterministic action of each row."""
+        """Return the deterministic action for each row of outputs.
+
+        Args:
+            values: What the tree outputs, [batch, outputs].
+
+        Returns:
+            Actions as the environment takes them, [batch, *action].
+        """
         clipped = np.clip(values, np.array(self.low, np.float32), np.array(self.high, np.float32))
         return clipped.reshape(len(values), *self.shape)
 
     def probabilities(self, values: Float32[np.ndarray, "batch outputs"]) -> tuple[()]:
-        """Raise: a continuous action has a density, not a table of probabilities."""
+        """Raise TypeError: a continuous action has a density, not a table of probabilities.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            Nothing; it always raises.
+
+        Raises:
+            TypeError: Continuous actions have no probabilities.
+        """
         raise TypeError("continuous actions have no table of probabilities; read predict() and actions.std")
 
     def words(self, action: ArrayLike, digits: int | None = None) -> tuple[str, ...]:
-        """Say what an action does, number by number: ``("torque = 0.53",)``."""
+        """Describe an action, number by number, with ``digits`` significant digits: ``("torque = 0.53",)``.
+
+        Args:
+            action: An action as `decide` returns it.
+            digits: Significant digits of numbers; as many as needed by default.
+
+        Returns:
+            One text for each component.
+        """
         numbers = np.ravel(np.asarray(action))
         return tuple(
             f"{printable(name)} = {number(x, digits)}" for name, x in zip(self.names, numbers, strict=True)

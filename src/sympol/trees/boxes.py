@@ -1,15 +1,14 @@
-"""Boxes: exact sets of observations, an interval of float32 numbers a feature.
+"""Boxes: exact sets of observations, one interval of float32 numbers for each feature.
 
-All observations that end in a leaf are one box, and so are all that meet a condition such as ``x > 0.1 and
-front is lava``. What is proven about a tree is proven by cutting boxes with boxes.
+The observations that reach a leaf are one box, and so are those that meet a condition such as ``x > 0.1 and
+front is lava``. Proofs about a tree intersect boxes with boxes.
 
-A box knows of each feature the lowest and the highest float32 number in it, both ends closed, and whether NaN
-is in it. Open ends become the next float32, where subnormal numbers do not exist: above 0 comes the smallest
+A box holds for each feature the lowest and the highest float32 number in it, both ends closed, and whether it
+contains NaN. Open ends become the next float32, where subnormal numbers do not exist: above 0 comes the smallest
 normal number. -0.0 and 0.0 are one number. Features of a group are 0 or 1, features that are whole numbers are
 whole and finite; a box is kept as tight as both say, so that it is empty only where an interval is.
 
-`sympol.trees.regions` keeps account on one way through the tree, forth and back, and never is empty; it does
-not know what can be intersected, nor whole numbers. These are arrays, for all leaves at once.
+`sympol.trees.regions` follows a single path through the tree and back; boxes are arrays, for all leaves at once.
 """
 
 from __future__ import annotations
@@ -20,10 +19,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from .floats import flushed, next_above
+from .floats import flushed, next_above, simplest_float
 from .groups import Group
 from .preorder import depths
-from .simplest_float import readable
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float32, Int
@@ -33,18 +31,18 @@ if TYPE_CHECKING:
 
 _LARGEST = np.finfo(np.float32).max
 MOST_INTERVALS = 2**25
-"""Intervals that are kept at once, boxes times features: 9 bytes each, and as much again while they are made."""
+"""Most intervals in memory, boxes times features: 9 bytes each, and as much again while they are computed."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """A number of boxes over the same features.
+    """An array of boxes over the same features.
 
     Args:
         low: The lowest number of each feature in each box, [boxes, features].
-        high: The highest, idem; a box in which it is below ``low``, and NaN is not in it either, is empty.
-        nan: Whether NaN is in it, idem.
+        high: The highest number, [boxes, features]. A box is empty where it is below ``low`` and ``nan`` is false.
+        nan: Whether NaN is in each interval, [boxes, features].
         groups: Which features are one-hot together.
         integers: Which other features are whole numbers.
     """
@@ -56,7 +54,7 @@ class Boxes:
     integers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Copy, and make tight."""
+        """Copy, and tighten the intervals to groups and whole numbers."""
         # + 0 makes -0.0 to 0.0
         low, high, nan = (
             flushed(self.low) + np.float32(0),
@@ -78,21 +76,21 @@ class Boxes:
             object.__setattr__(self, name, array)
 
     def __len__(self) -> int:
-        """Count the boxes."""
+        """Return the number of boxes."""
         return len(self.low)
 
     def __getitem__(self, rows: slice | Sequence[int] | np.ndarray) -> Boxes:
-        """Some of the boxes: a slice, positions, or a mask."""
+        """Return some of the boxes, selected by a slice, positions, or a mask."""
         return self._tight(self.low[rows], self.high[rows], self.nan[rows])
 
     def joined(self, others: Sequence[Boxes]) -> Boxes:
-        """These boxes, and then others over the same features."""
+        """Return these boxes followed by others over the same features."""
         both = (self, *others)
         low, high, nan = ([getattr(boxes, name) for boxes in both] for name in ("low", "high", "nan"))
         return self._tight(np.concatenate(low), np.concatenate(high), np.concatenate(nan))
 
     def _tight(self, low: np.ndarray, high: np.ndarray, nan: np.ndarray) -> Boxes:
-        """Boxes that are known to be tight: most of the time in a proof would go into making them so again."""
+        """Return boxes known to be tight: tightening them again would take most of the time of a proof."""
         boxes = object.__new__(Boxes)
         for name, value in (("low", low), ("high", high), ("nan", nan)):
             object.__setattr__(boxes, name, value)
@@ -102,11 +100,11 @@ class Boxes:
 
     @property
     def is_empty(self) -> Bool[np.ndarray, " boxes"]:
-        """Whether no observation is in each."""
+        """Whether each box contains no observation, [boxes]."""
         return np.any(~(self.low <= self.high) & ~self.nan, axis=1)
 
     def intersect(self, other: Boxes) -> Boxes:
-        """What is in the one and in the other, box by box; a single box is cut with each of the others."""
+        """Return the intersection with other boxes, box by box; a single box is intersected with each of the others."""
         return replace(
             self,
             low=np.maximum(self.low, other.low),
@@ -115,21 +113,23 @@ class Boxes:
         )
 
     def contains(self, X: ArrayLike) -> Bool[np.ndarray, "boxes batch"]:
-        """Whether each observation [batch, features] is in each box; groups in it have to be one-hot."""
+        """Return whether each box contains each observation [batch, features], whose groups must be one-hot."""
         x = flushed(X)[None]
         low, high, nan = self.low[:, None], self.high[:, None], self.nan[:, None]
         return np.all(((low <= x) & (x <= high)) | (nan & np.isnan(x)), axis=2)
 
     def some_observation(self, box: int = 0) -> Float32[np.ndarray, " features"]:
-        """Return one observation that is in a box: near zero, in few digits, one-hot and whole where it must.
+        """Return an observation [features] in a box: near zero, in few digits, one-hot and whole where it must be.
 
         Raises:
-            ValueError: if the box is empty.
+            ValueError: If the box is empty.
         """
         if self.is_empty[box]:
             raise ValueError("the box is empty: there is no observation in it")
         low, high = self.low[box], self.high[box]
-        x = np.array([readable(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)], np.float32)
+        x = np.array(
+            [simplest_float(a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)], np.float32
+        )
         x[list(self.integers)] = np.clip(0, low, high)[list(self.integers)]
         for group in self.groups:
             features = list(group.features)
@@ -138,13 +138,18 @@ class Boxes:
 
 
 def space(tree: BaseTree, *, bounds: bool) -> Boxes:
-    """Return all observations that there are, as one box.
+    """Return the whole observation space of a tree as one box.
 
-    With ``bounds`` only those within the bounds of the space, both ends included: there NaN is none. Bounds that
-    leave a group no category say nothing about it, as in `sympol.trees.prune`.
+    Args:
+        tree: The tree.
+        bounds: Whether only observations within the bounds count, both ends included and NaN excluded. Bounds
+            that leave a group no category do not restrict it, as in `sympol.trees.prune`.
+
+    Returns:
+        A single box.
 
     Raises:
-        ValueError: if the tree is so large, and has so many features, that its boxes would not fit into memory.
+        ValueError: If the boxes of the tree would not fit into memory.
     """
     check_size(tree.n_nodes, tree.n_features)
     shape = (1, tree.n_features)
@@ -168,7 +173,7 @@ def space(tree: BaseTree, *, bounds: bool) -> Boxes:
 
 
 def check_size(n_boxes: int, n_features: int) -> None:
-    """Raise ValueError where so many boxes over so many features would not fit into memory."""
+    """Raise ValueError if this many boxes over this many features would not fit into memory."""
     if n_boxes * n_features > MOST_INTERVALS:
         raise ValueError(
             f"reasoning about the tree would take {n_boxes:,} boxes of {n_features:,} features each, more than fits "
@@ -177,7 +182,7 @@ def check_size(n_boxes: int, n_features: int) -> None:
 
 
 def node_boxes(tree: BaseTree, *, bounds: bool) -> Boxes:
-    """Return the observations that come by each node: box i is of node i, empty where it cannot be reached."""
+    """Return the observations that reach each node: box i belongs to node i and is empty if it cannot be reached."""
     start = space(tree, bounds=bounds)
     low, high, nan = (np.repeat(array, tree.n_nodes, axis=0) for array in (start.low, start.high, start.nan))
     depth = depths(tree.children_left, tree.children_right)
@@ -193,18 +198,26 @@ def node_boxes(tree: BaseTree, *, bounds: bool) -> Boxes:
 
 
 def leaf_boxes(tree: BaseTree, *, bounds: bool) -> Boxes:
-    """Return the observations that end in each leaf, in the order of ``np.flatnonzero(tree.is_leaf)``."""
+    """Return the observations that reach each leaf, in the order of ``np.flatnonzero(tree.is_leaf)``."""
     return node_boxes(tree, bounds=bounds)[tree.is_leaf]
 
 
 def unreachable_leaves(tree: BaseTree, *, bounds: bool = True) -> Int[np.ndarray, " leaves"]:
-    """Return the leaves in which no observation ends; with ``bounds``, none within the bounds of the space."""
+    """Return the leaves that no observation reaches.
+
+    Args:
+        tree: The tree.
+        bounds: Whether only observations within the bounds of the space count.
+
+    Returns:
+        Numbers of the leaves that no observation reaches.
+    """
     leaves = np.flatnonzero(tree.is_leaf)
     return leaves[leaf_boxes(tree, bounds=bounds).is_empty]
 
 
 def _choose_one(features: list[int], low: np.ndarray, high: np.ndarray) -> None:
-    """Let the intervals of a group say that exactly one of it is 1, in place."""
+    """Tighten the intervals of a group, in place, to those with exactly one 1."""
     is_one = low[:, features] >= 1
     others_are = (is_one.sum(axis=1, keepdims=True) - is_one) > 0
     high[:, features] = np.where(others_are, np.minimum(high[:, features], 0), high[:, features])

@@ -1,11 +1,11 @@
-"""Counterfactuals: the nearest observation to which the tree answers with another action.
+"""Counterfactuals: the nearest observation for which the tree takes another action.
 
-All observations that end in a leaf are a box, and the nearest of a box is had feature by feature: the end of the
-interval that is nearer. So the nearest of all is found exactly, by going through the leaves.
+The observations that reach a leaf are a box, whose nearest point is found feature by feature: the nearer end of
+the interval. So the nearest observation of all is found exactly, leaf by leaf.
 
-How far two observations are apart: each feature by its difference, divided by its scale (1 without one), each
-group that becomes another category by 1, divided by its scale; these are added up (``l1``), or the largest counts
-(``linf``), or what counts is how many change (``l0``). Of equally near ones fewer changes win, then the smaller sum.
+The distance of two observations: the difference of each feature, or 1 for a group whose category changes, divided
+by its scale (1 by default), summed (``l1``) or at its maximum (``linf``); ``l0`` counts the changes. Of equally near
+observations the one with fewer changes wins, then the one with the smaller sum.
 
 What changes stays in the space: within the bounds, whole numbers whole, one category of each group. What does not
 change stays as it is, even where that was out of bounds.
@@ -22,7 +22,7 @@ import numpy as np
 
 from .actions import DiscreteActions
 from .base import BaseTree
-from .explanation_features import Around, around, positions
+from .explanation_features import LocalNeighborhood, local_neighborhood, positions
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Float32
@@ -35,7 +35,7 @@ NORMS: tuple[Norm, ...] = ("l1", "l0", "linf")
 @final
 @dataclass(frozen=True, eq=False)
 class Counterfactual:
-    """Another action, and the nearest observation that gets it."""
+    """Another action and the nearest observation that gets it."""
 
     action: np.ndarray
     answer: str
@@ -49,7 +49,7 @@ class Counterfactual:
 
     @property
     def words(self) -> str:
-        """All in one sentence."""
+        """The counterfactual as a sentence."""
         if self.observation is None:
             return f"{self.answer}: not by any change"
         return f"{self.answer}, if {' and '.join(self.changes)}"
@@ -64,22 +64,26 @@ def nearest(
     norm: Norm = "l1",
     scale: Mapping[str | int, float] | None = None,
 ) -> Counterfactual | None:
-    """Return the nearest observation whose action is wanted, the given one itself included; None if there is none.
+    """Return the nearest observation with a wanted action, the given one included; None if there is none.
 
-    Continuous actions are asked for in this way: ``nearest(tree, x, lambda torque: torque >= 1)``.
+    For continuous actions: ``nearest(tree, x, lambda torque: torque >= 1)``.
 
     Args:
         tree: The policy.
-        observation: One, [features]; finite.
-        wanted: Whether an action, as `DecisionTree.predict` returns it, is wanted.
+        observation: One observation, [features]; finite.
+        wanted: A function that returns whether an action, as `DecisionTree.predict` returns it, is wanted.
         immutable: Features and groups that must stay as they are, by name or position.
         norm: How distances are measured.
         scale: What counts as a change by 1, for features and groups, by name or position.
 
+    Returns:
+        The counterfactual, or None if no observation gets a wanted action.
+
     Raises:
-        ValueError, TypeError: as `explain` does.
+        ValueError: As `explain` does.
+        TypeError: As `explain` does.
     """
-    here = around(tree, observation)
+    here = local_neighborhood(tree, observation)
     actions = tree.leaf_actions[here.leaves]
     mask = np.array([bool(wanted(action)) for action in actions])
     found = _nearest(Costs.of(tree, here, immutable, norm, scale), mask)
@@ -91,15 +95,15 @@ def nearest(
 
 def counterfactuals(
     tree: BaseTree,
-    here: Around,
+    here: LocalNeighborhood,
     *,
     immutable: Iterable[str | int] = (),
     norm: Norm = "l1",
     scale: Mapping[str | int, float] | None = None,
 ) -> tuple[Counterfactual, ...]:
-    """Return the nearest observation of every other action, the nearest first, those without one last.
+    """Return the nearest observation of every other action, the nearest first and those without one last.
 
-    Of a discrete space all actions are asked for, of the others all that some leaf takes.
+    A discrete space has all its actions examined, other spaces those that some leaf takes.
     """
     costs = Costs.of(tree, here, immutable, norm, scale)
     actions = tree.leaf_actions[here.leaves]
@@ -119,7 +123,7 @@ def counterfactuals(
 @final
 @dataclass(frozen=True, eq=False)
 class Costs:
-    """How far each leaf is, in the orders that decide one after the other."""
+    """The distance of each leaf, and what decides between equal ones: changes, then their sum."""
 
     distance: Float[np.ndarray, " leaves"]
     changes: Float[np.ndarray, " leaves"]
@@ -129,7 +133,7 @@ class Costs:
     def of(
         cls,
         tree: BaseTree,
-        here: Around,
+        here: LocalNeighborhood,
         immutable: Iterable[str | int],
         norm: Norm,
         scale: Mapping[str | int, float] | None,
@@ -156,7 +160,7 @@ class Costs:
         return cls(measured[norm], changes, total)
 
 
-def _away(here: Around, row: int) -> Float[np.ndarray, " units"]:
+def _away(here: LocalNeighborhood, row: int) -> Float[np.ndarray, " units"]:
     """How far each unit's nearest value in a leaf is."""
     y = _projected(here, row).astype(np.float64)
     return np.array(
@@ -167,7 +171,7 @@ def _away(here: Around, row: int) -> Float[np.ndarray, " units"]:
     )
 
 
-def _projected(here: Around, row: int) -> Float32[np.ndarray, " features"]:
+def _projected(here: LocalNeighborhood, row: int) -> Float32[np.ndarray, " features"]:
     """The nearest observation of those that end in a leaf; of categories, the first."""
     low, high, y = here.possible.low[row], here.possible.high[row], here.x.copy()
     for i, unit in enumerate(here.units):
@@ -191,7 +195,7 @@ def _nearest(costs: Costs, mask: Bool[np.ndarray, " leaves"]) -> tuple[int, floa
 
 
 def _counterfactual(
-    tree: BaseTree, here: Around, action: np.ndarray, row: int | None, distance: float
+    tree: BaseTree, here: LocalNeighborhood, action: np.ndarray, row: int | None, distance: float
 ) -> Counterfactual:
     answer = ", ".join(tree.actions.words(action))
     if row is None:

@@ -1,4 +1,4 @@
-"""What became of a tree: its changes in words, and whose actions they change.
+"""Differences of two trees: what changed, in words, and which states get another action.
 
 As far as two trees ask the same from the root down they are compared node by node: other thresholds, other
 answers, subtrees cut or grown. Below a place where they part, what counts is what they do: each region in which
@@ -16,8 +16,7 @@ import numpy as np
 from .base import BaseTree
 from .boxes import leaf_boxes, node_boxes, space
 from .edit import require_same_space, subtree, subtree_end
-from .format_region import region_words
-from .text import leaf_words, question
+from .text import format_region, leaf_words, question
 from .verify.conditions import propagate
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ _AT_ONCE = 2**24
 @final
 @dataclass(frozen=True)
 class Change:
-    """Something that was one way and is another, where these conditions hold."""
+    """A change from one text to another in a region."""
 
     where: str
     before: str
@@ -38,33 +37,33 @@ class Change:
 
     @property
     def words(self) -> str:
-        """As a sentence."""
+        """The change as a sentence."""
         return f"{f'Where {self.where}' if self.where else 'Everywhere'}: {self.before} becomes {self.after}."
 
 
 @final
 @dataclass(frozen=True)
 class Visited:
-    """What the change does to observations that were given."""
+    """The effect of the changes on given observations."""
 
     n: int
-    """How many there were."""
+    """The number of observations."""
     counts: Mapping[tuple[str, str], int]
-    """How many got which action, and get which other one now, the most first."""
+    """The number of observations for each pair of old and new action, the largest first."""
 
     @property
     def n_changed(self) -> int:
-        """How many get another action."""
+        """The number of observations with another action."""
         return sum(self.counts.values())
 
     @property
     def share(self) -> float:
-        """Their part."""
+        """The share of observations with another action."""
         return self.n_changed / self.n if self.n else 0.0
 
     @property
     def words(self) -> str:
-        """As a sentence."""
+        """The change as a sentence."""
         kinds = "; ".join(f"{a} becomes {b} in {count:,}" for (a, b), count in self.counts.items())
         changed = f"{self.n_changed:,} of {self.n:,} states get another action ({100 * self.share:.2g} %)"
         return f"{changed}{': ' if kinds else ''}{kinds}."
@@ -73,7 +72,7 @@ class Visited:
 @final
 @dataclass(frozen=True)
 class Difference:
-    """All that is different between two trees."""
+    """All differences between two trees."""
 
     changes: tuple[Change, ...]
     acts_alike: bool
@@ -83,14 +82,14 @@ class Difference:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """All of it, a sentence a change."""
+        """One sentence for each change, and for the observations."""
         told = tuple(change.words for change in self.changes)
         if self.acts_alike:
             told += ("Both act alike on every observation within the bounds.",)
         return told if self.visited is None else (*told, self.visited.words)
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain JSON."""
+        """Return everything as plain JSON."""
         plain: dict[str, Any] = {
             "changes": [{"where": c.where, "before": c.before, "after": c.after} for c in self.changes],
             "acts_alike": self.acts_alike,
@@ -105,21 +104,27 @@ class Difference:
         return plain
 
     def __str__(self) -> str:
-        """The sentences, a line each."""
+        """Return the sentences, one on each line."""
         return "\n".join(self.sentences)
 
 
 def diff(before: BaseTree, after: BaseTree, observations: ArrayLike | None = None) -> Difference:
-    """Tell two trees apart.
+    """Compare two trees.
 
     Args:
-        before: The one.
-        after: The other, of the same features, groups and actions.
-        observations: States to count in, such as those that were visited, [batch, features].
+        before: The old tree.
+        after: The new tree, of the same features, groups and actions.
+        observations: States in which to count changed actions, [batch, features].
+
+    Returns:
+        The changes, exact and in words.
+
+    Returns:
+        The regions in which actions differ, and the counts of changed states.
 
     Raises:
-        ValueError: trees of other spaces, or observations that are not the trees'.
-        TypeError: observations that hold no numbers.
+        ValueError: If the trees are of different spaces, or the observations do not fit them.
+        TypeError: If the observations do not hold numbers.
     """
     require_same_space(before, after)
     visited = (
@@ -140,12 +145,12 @@ def _visited(before: BaseTree, after: BaseTree, x: np.ndarray) -> Visited:
 
 
 def _changes(before: BaseTree, after: BaseTree) -> Iterator[Change]:
-    """Go down both trees together as long as they ask the same."""
+    """Descend both trees together as long as their splits agree."""
     start, boxes = space(before, bounds=True), node_boxes(before, bounds=True)
     awaited = [(0, 0)]
     while awaited:
         a, b = awaited.pop()
-        where = region_words(before, boxes[[a]], start)
+        where = format_region(before, boxes[[a]], start)
         if before.is_leaf[a] and after.is_leaf[b]:
             if _acts(before, a) != _acts(after, b):
                 yield Change(where, _said(before, a), _said(after, b))
@@ -157,7 +162,7 @@ def _changes(before: BaseTree, after: BaseTree) -> Iterator[Change]:
             awaited += [(int(getattr(before, side)[a]), int(getattr(after, side)[b])) for side in sides]
         elif (changed := _reworded(before, after, a, b)) is not None:
             for own, other in changed:
-                where = region_words(before, boxes[[own]], start)
+                where = format_region(before, boxes[[own]], start)
                 yield Change(where, _said(before, own), _said(after, other))
         else:
             yield from regions(before, after, a)
@@ -178,10 +183,9 @@ def _reworded(before: BaseTree, after: BaseTree, a: int, b: int) -> list[tuple[i
 
 
 def regions(before: BaseTree, after: BaseTree, node: int = 0) -> Iterator[Change]:
-    """Go through all regions within the bounds in which two trees of one space act differently.
+    """Yield all regions within the bounds in which two trees of one space act differently.
 
-    Only observations count that come by a node of the one before. The regions do not overlap, and outside of them
-    both act alike.
+    The regions do not overlap. Only observations that reach ``node`` of the old tree count.
     """
     start, boxes = space(before, bounds=True), leaf_boxes(before, bounds=True)
     leaves = np.flatnonzero(before.is_leaf)
@@ -194,7 +198,7 @@ def regions(before: BaseTree, after: BaseTree, node: int = 0) -> Iterator[Change
             leaf, end = int(leaves[some[ends.origin[j]]]), int(ends.leaf[j])
             if _acts(before, leaf) != _acts(after, end):
                 yield Change(
-                    region_words(before, ends.boxes[[j]], start), _said(before, leaf), _said(after, end)
+                    format_region(before, ends.boxes[[j]], start), _said(before, leaf), _said(after, end)
                 )
 
 
@@ -203,18 +207,18 @@ def _asks(tree: BaseTree, node: int) -> tuple[int, float]:
 
 
 def _acts(tree: BaseTree, leaf: int) -> list[float]:
-    """What a leaf does; nothing, at an inner node."""
+    """Return the action of a leaf; empty for an inner node."""
     return tree.leaf_actions[leaf].ravel().tolist() if tree.is_leaf[leaf] else []
 
 
 def _said(tree: BaseTree, node: int) -> str:
-    """What a leaf does, or what an inner node asks."""
+    """Describe the action of a leaf, or the question of an inner node."""
     if tree.is_leaf[node]:
         return ", ".join(leaf_words(tree, node))
     return f"“{question(tree, node).words}”"
 
 
 def _all_said(tree: BaseTree, node: int) -> str:
-    """The same, and how much there is below."""
+    """Describe a node and the number of nodes below it."""
     n = subtree_end(tree, node) - node - 1
     return f"{_said(tree, node)} with {n} nodes below" if n else _said(tree, node)

@@ -1,9 +1,8 @@
-"""Changing a tree by hand: each function returns a new one, the old one stays as it is.
+"""Edits of a tree: each function returns a new tree and leaves the old one as it is.
 
-Nodes are numbered in preorder, as the arrays are, and a new tree counts anew: after `cut` or `graft` the nodes
-behind the change have other numbers. Names, bounds, groups, actions and ``meta`` stay. What is not known of the
-new tree is how often its nodes are visited, above the change no less than below it, because a policy that acts
-otherwise goes elsewhere: `DecisionTree.with_visits` counts again.
+Nodes are numbered in preorder, as in the arrays: after `cut` or `graft` the nodes behind the change have other
+numbers. Names, bounds, groups, actions and ``meta`` stay. Visits are dropped, because a policy that acts
+differently visits other states: `DecisionTree.with_visits` counts again.
 """
 
 from __future__ import annotations
@@ -31,11 +30,18 @@ _LINKS = ("children_left", "children_right")
 def set_action(tree: TreeT, leaf: int, action: Action) -> TreeT:
     """Return the tree in which a leaf takes another action.
 
-    The action is a name or a number; options for each component; numbers where it is continuous. The leaf's
-    probabilities become `sympol.trees.name_lookup.SURE` for it.
+    Args:
+        tree: The tree.
+        leaf: The number of a leaf.
+        action: A name or a number; an option for each component; numbers where it is continuous. A discrete
+            action gets the probability `sympol.trees.name_lookup.SURE`.
+
+    Returns:
+        The edited tree.
 
     Raises:
-        ValueError, TypeError: no such leaf, or no such action.
+        ValueError: If there is no such leaf or action.
+        TypeError: If the leaf or the action is of another type.
     """
     value = tree.leaf_outputs.copy()
     value[require_leaf(tree, leaf)] = leaf_value(tree.actions, action)
@@ -45,8 +51,17 @@ def set_action(tree: TreeT, leaf: int, action: Action) -> TreeT:
 def set_threshold(tree: TreeT, node: int, threshold: float) -> TreeT:
     """Return the tree in which an inner node compares with another threshold, rounded to float32.
 
+    Args:
+        tree: The tree.
+        node: The number of an inner node.
+        threshold: A number that is finite in float32.
+
+    Returns:
+        The edited tree.
+
     Raises:
-        ValueError, TypeError: no such inner node, or no finite number.
+        ValueError: If there is no such inner node, or the threshold is not finite.
+        TypeError: If the node or the threshold is not a number.
     """
     thresholds = tree.threshold.copy()
     thresholds[require_split(tree, node)] = checked_threshold(threshold)
@@ -54,10 +69,19 @@ def set_threshold(tree: TreeT, node: int, threshold: float) -> TreeT:
 
 
 def set_feature(tree: TreeT, node: int, feature: str | int) -> TreeT:
-    """Return the tree in which an inner node looks at another feature, given by name or position.
+    """Return the tree in which an inner node compares another feature.
+
+    Args:
+        tree: The tree.
+        node: The number of an inner node.
+        feature: The name or the position of a feature.
+
+    Returns:
+        The edited tree.
 
     Raises:
-        ValueError, TypeError: no such inner node, or no such feature.
+        ValueError: If there is no such inner node or feature.
+        TypeError: If the node or the feature is of another type.
     """
     features = tree.feature.copy()
     features[require_split(tree, node)] = feature_position(tree, feature)
@@ -65,14 +89,20 @@ def set_feature(tree: TreeT, node: int, feature: str | int) -> TreeT:
 
 
 def cut(tree: TreeT, node: int, action: Action | None = None) -> TreeT:
-    """Return the tree in which an inner node and all below it became one leaf.
+    """Return the tree in which an inner node and all below it become one leaf.
 
-    Without an ``action`` it takes the one most visits below it ended in, or, where visits are not known or there
-    are none, the one of most leaves; the leaf is then the most visited of those that take it. Of equals, the
-    first.
+    Args:
+        tree: The tree.
+        node: The number of an inner node.
+        action: The action of the new leaf. By default the action of most visits below the node, or of most leaves
+            where visits are unknown or zero; the outputs are those of the most visited leaf with this action.
+
+    Returns:
+        The edited tree.
 
     Raises:
-        ValueError, TypeError: no such inner node, or no such action.
+        ValueError: If there is no such inner node or action.
+        TypeError: If the node or the action is of another type.
     """
     end = subtree_end(tree, require_split(tree, node))
     value = _common_value(tree, node, end) if action is None else leaf_value(tree.actions, action)
@@ -80,21 +110,37 @@ def cut(tree: TreeT, node: int, action: Action | None = None) -> TreeT:
 
 
 def graft(tree: TreeT, node: int, other: TreeT) -> TreeT:
-    """Return the tree in which another one stands in the place of a node, and of all below it.
+    """Return the tree in which another tree replaces a node and all below it.
+
+    Args:
+        tree: The tree.
+        node: The number of a node.
+        other: A tree of the same features, groups and actions.
+
+    Returns:
+        The edited tree.
 
     Raises:
-        ValueError, TypeError: no such node, or the trees are not of the same features, groups and actions.
+        ValueError: If there is no such node, or the trees are of different spaces.
+        TypeError: If the node is not a whole number.
     """
     require_same_space(tree, other)
     return _replaced(tree, require_node(tree, node), other)
 
 
 def graft_all(tree: TreeT, parts: Iterable[tuple[int, TreeT]]) -> TreeT:
-    """Return the tree with all of these grafts: each a node and what stands in its place. Of one within another only
-    the outer counts.
+    """Return the tree with several grafts.
+
+    Args:
+        tree: The tree.
+        parts: Pairs of a node and the tree that replaces it. Of nested nodes only the outer one counts.
+
+    Returns:
+        The edited tree.
 
     Raises:
-        ValueError, TypeError: as `graft` does.
+        ValueError: As `graft` does.
+        TypeError: As `graft` does.
     """
     for node, other in sorted(parts, key=lambda part: -part[0]):  # from behind: the others keep their numbers
         tree = graft(tree, node, other)
@@ -102,10 +148,18 @@ def graft_all(tree: TreeT, parts: Iterable[tuple[int, TreeT]]) -> TreeT:
 
 
 def subtree(tree: TreeT, node: int) -> TreeT:
-    """Return what is below a node, the node included, as a tree of its own.
+    """Return a node and all below it as a tree of its own.
+
+    Args:
+        tree: The tree.
+        node: The number of the node that becomes the root.
+
+    Returns:
+        The subtree, with its visits.
 
     Raises:
-        ValueError, TypeError: no such node.
+        ValueError: If there is no such node.
+        TypeError: If the node is not a whole number.
     """
     node = require_node(tree, node)
     part = slice(node, subtree_end(tree, node))
@@ -117,7 +171,7 @@ def subtree(tree: TreeT, node: int) -> TreeT:
 
 
 def leaf_tree(tree: TreeT, value: Float32[np.ndarray, " outputs"]) -> TreeT:
-    """Return a tree of the same space that is one leaf."""
+    """Return a tree of the same space that is one leaf with these outputs, [outputs]."""
     return replace(
         tree,
         children_left=[NO_CHILD],
@@ -130,9 +184,9 @@ def leaf_tree(tree: TreeT, value: Float32[np.ndarray, " outputs"]) -> TreeT:
 
 
 def split_tree(feature: int, threshold: float, left: TreeT, right: TreeT) -> TreeT:
-    """Return the tree that asks one question and goes on with one of two trees of the same space.
+    """Return the tree whose root splits between two trees of the same space.
 
-    Its visits are those of both, where both know theirs.
+    Its visits are those of both, where both are known.
     """
     visits, (ours, theirs) = None, (left.n_node_samples, right.n_node_samples)
     if ours is not None and theirs is not None:
@@ -155,14 +209,14 @@ def split_tree(feature: int, threshold: float, left: TreeT, right: TreeT) -> Tre
 
 
 def subtree_end(tree: BaseTree, node: int) -> int:
-    """Return the first node behind those below ``node``."""
+    """Return the first node behind the subtree of ``node``, which is ``slice(node, end)`` of the arrays."""
     while tree.children_right[node] != NO_CHILD:
         node = int(tree.children_right[node])
     return node + 1
 
 
 def require_node(tree: BaseTree, node: int) -> int:
-    """Return a node's number. Raises ValueError or TypeError where it is none."""
+    """Return the number of a node as an int. Raises ValueError or TypeError if there is no such node."""
     if isinstance(node, bool) or not isinstance(node, int | np.integer):
         raise TypeError(f"a node is a whole number, got {node!r}")
     if not 0 <= node < tree.n_nodes:
@@ -171,7 +225,7 @@ def require_node(tree: BaseTree, node: int) -> int:
 
 
 def require_leaf(tree: BaseTree, node: int) -> int:
-    """Return a leaf's number. Raises ValueError or TypeError where it is none."""
+    """Return the number of a leaf as an int. Raises ValueError or TypeError if there is no such leaf."""
     if not tree.is_leaf[require_node(tree, node)]:
         raise ValueError(
             f"node {node} is no leaf: it asks, and does not answer; cut it first, or choose one of "
@@ -181,7 +235,7 @@ def require_leaf(tree: BaseTree, node: int) -> int:
 
 
 def require_split(tree: BaseTree, node: int) -> int:
-    """Return an inner node's number. Raises ValueError or TypeError where it is none."""
+    """Return the number of an inner node as an int. Raises ValueError or TypeError if there is no such node."""
     if tree.is_leaf[require_node(tree, node)]:
         raise ValueError(
             f"node {node} is a leaf, which asks nothing: {', '.join(leaf_words(tree, node))}; inner nodes are "
@@ -191,7 +245,7 @@ def require_split(tree: BaseTree, node: int) -> int:
 
 
 def checked_threshold(threshold: float) -> float:
-    """Return a threshold as float32 has it. Raises ValueError or TypeError where it is no finite number."""
+    """Return a threshold rounded to float32. Raises ValueError or TypeError unless it is a finite number."""
     if (
         isinstance(threshold, bool | str)
         or np.ndim(threshold)
@@ -205,7 +259,7 @@ def checked_threshold(threshold: float) -> float:
 
 
 def require_same_space(tree: BaseTree, other: BaseTree) -> None:
-    """Raise ValueError unless two trees see the same features, in the same groups, and choose the same actions."""
+    """Raise ValueError unless two trees have the same features, groups and actions."""
     pairs = {
         "features": (tree.feature_names, other.feature_names),
         "groups": (tree.groups, other.groups),
@@ -242,7 +296,7 @@ def _common_value(tree: BaseTree, node: int, end: int) -> Float32[np.ndarray, " 
 
 
 def _replaced(tree: TreeT, node: int, part: TreeT) -> TreeT:
-    """The tree with ``part`` where the subtree of ``node`` was; every subtree is one slice of the arrays."""
+    """Return the tree with ``part`` in place of the subtree of ``node``, which is one slice of the arrays."""
     end = subtree_end(tree, node)
     grown = part.n_nodes - (end - node)
 

@@ -1,6 +1,6 @@
-"""Why a tree acts as it does in one observation, and what would have to be different for it to act otherwise.
+"""Explanations of single decisions: why a tree acts as it does, and what would change its action.
 
-Three answers, each exact: the way through the tree, as one sentence; the smallest part of the observation that
+Three answers, each exact: the path through the tree, as one sentence; the smallest part of the observation that
 forces the action (`sympol.trees.sufficient_reason`); and for every other action the nearest observation that gets it
 (`sympol.trees.counterfactual`).
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from .base import BaseTree
 from .counterfactual import Counterfactual, Norm, counterfactuals
-from .explanation_features import around
+from .explanation_features import local_neighborhood
 from .sufficient_reason import Reason, smallest_reason
 from .text import leaf_conditions, leaf_words
 
@@ -27,17 +27,20 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Why, and what else."""
+    """The explanation of one decision: its path, its smallest reason, and its counterfactuals."""
 
     observation: Float32[np.ndarray, " features"]
-    """As the tree sees it: float32, subnormal numbers zero."""
+    """The observation as the tree sees it: float32, subnormal numbers zero."""
     action: np.ndarray
+    """As `DecisionTree.predict` returns it."""
     answer: str
     """The action in words."""
     leaf: int
+    """The number of the leaf that is reached."""
     sentence: str
-    """The way through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
+    """The path through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
     reason: Reason
+    """The smallest sufficient reason."""
     counterfactuals: tuple[Counterfactual, ...]
     """One for every other action, the nearest first."""
 
@@ -51,7 +54,11 @@ class Explanation:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain JSON; infinite distances are null."""
+        """Return everything as plain JSON; infinite distances become null.
+
+        Returns:
+            A dictionary that `json.dumps` accepts; infinite distances are None.
+        """
         return {
             "observation": self.observation.tolist(),
             "action": np.asarray(self.action).tolist(),
@@ -72,7 +79,7 @@ class Explanation:
         }
 
     def __str__(self) -> str:
-        """All of it for people, a line each."""
+        """Return everything for people, one line for each sentence."""
         other = [f"{one.words}." for one in self.counterfactuals]
         return "\n".join([self.sentence, self.reason_sentence, *other])
 
@@ -89,17 +96,20 @@ def explain(
 
     Args:
         tree: The policy.
-        observation: What it saw, [features]; finite.
+        observation: One observation, [features]; finite.
         immutable: Features and groups that no counterfactual may change, by name or position.
-        norm: How far observations are apart: ``"l1"``, ``"l0"`` or ``"linf"``.
+        norm: The distance between observations: ``"l1"``, ``"l0"`` or ``"linf"``.
         scale: What counts as a change by 1, for features and groups, by name or position; 1 where it is not given.
 
+    Returns:
+        The path, the smallest sufficient reason, and the counterfactuals.
+
     Raises:
-        ValueError: an observation that is not one of the tree's, or not finite; a feature that there is not, a scale
-            that is not positive, another norm.
-        TypeError: an observation that holds no numbers.
+        ValueError: If the observation does not fit the tree or is not finite, a feature does not exist, a scale is
+            not positive, or the norm is another one.
+        TypeError: If the observation does not hold numbers.
     """
-    here = around(tree, observation)
+    here = local_neighborhood(tree, observation)
     here.x.setflags(write=False)
     known = next(known for leaf, known in leaf_conditions(tree) if leaf == here.leaf)
     answer = ", ".join(leaf_words(tree, here.leaf))

@@ -1,4 +1,4 @@
-"""What can change in an observation: single features, and groups as one; and which changes lead into which leaf."""
+"""Features and groups as units of explanation, and the changes of an observation that lead to each leaf."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True)
 class Unit:
-    """A feature that changes by itself, or a group, whose features change together."""
+    """A single feature, or a group whose features change together."""
 
     name: str
     features: tuple[int, ...]
     group: Group | None = None
 
     def words(self, x: Float32[np.ndarray, " features"]) -> str:
-        """Say what it is in an observation: ``pole angle = 0.1``, ``front is lava``."""
+        """Describe its value in an observation: ``pole angle = 0.1``, ``front is lava``."""
         if self.group is None:
             return f"{printable(self.name)} = {number(x[self.features[0]])}"
         return self.group.words(next(feature for feature in self.features if x[feature] == 1))
 
     def change(self, x: Float32[np.ndarray, " features"], y: Float32[np.ndarray, " features"]) -> str:
-        """Say what it becomes: ``pole angle = 0.1 instead of 0``, ``front is lava instead of wall``."""
+        """Describe a change from x to y: ``pole angle = 0.1 instead of 0``, ``front is lava instead of wall``."""
         if self.group is None:
             return f"{self.words(y)} instead of {number(x[self.features[0]])}"
         was = next(i for i, feature in enumerate(self.features) if x[feature] == 1)
@@ -44,38 +44,45 @@ class Unit:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Around:
-    """An observation, and for each leaf what of it would have to change to end there.
+class LocalNeighborhood:
+    """An observation and, for each leaf, the features that must change to reach it.
 
-    A unit can stay as it is, or become what the space has: within the bounds, one-hot, whole where it is a whole
-    number. What the observation has itself is possible, too, even where the space does not have it.
+    A unit can keep its value, even one outside the space, or take a value of the space: within the bounds, one-hot,
+    whole where it is a whole number.
     """
 
     x: Float32[np.ndarray, " features"]
-    """The observation, as the tree sees it."""
+    """The observation as the tree sees it, flushed float32."""
     leaf: int
-    """Where it ends."""
+    """The leaf it reaches."""
     units: tuple[Unit, ...]
     leaves: Int[np.ndarray, " leaves"]
     keeps: Bool[np.ndarray, "leaves units"]
-    """Whether each unit can stay as it is to end in each leaf."""
+    """Whether each unit can keep its value on the path to each leaf."""
     can: Bool[np.ndarray, "leaves units"]
-    """Whether some value that the space has of a unit leads to a leaf."""
+    """Whether some value of the space for each unit leads to each leaf."""
     possible: Boxes
-    """The observations of the space that end in each leaf."""
+    """The observations of the space that reach each leaf."""
 
     @property
     def reachable(self) -> Bool[np.ndarray, " leaves"]:
-        """Whether the leaf can be reached by changing anything at all."""
+        """Whether some change reaches each leaf, [leaves]."""
         return np.all(self.keeps | self.can, axis=1)
 
 
-def around(tree: BaseTree, observation: ArrayLike) -> Around:
-    """Look around an observation.
+def local_neighborhood(tree: BaseTree, observation: ArrayLike) -> LocalNeighborhood:
+    """Compare an observation with every leaf of a tree.
+
+    Args:
+        tree: The policy.
+        observation: One observation, [features]; finite.
+
+    Returns:
+        For each leaf, which units can stay and which can change.
 
     Raises:
-        ValueError: if it has another shape, is not one-hot where it must be, or is not finite.
-        TypeError: if it does not hold numbers.
+        ValueError: If it has another shape, is not one-hot where it must be, or is not finite.
+        TypeError: If it does not hold numbers.
     """
     batch, single = observation_batch(observation, tree.n_features)
     if not single:
@@ -89,7 +96,7 @@ def around(tree: BaseTree, observation: ArrayLike) -> Around:
     asked = leaf_boxes(replace(tree, integers=()), bounds=False)
     possible = leaf_boxes(tree, bounds=True)
     units = units_of(tree)
-    return Around(
+    return LocalNeighborhood(
         x,
         leaf,
         units,
@@ -101,17 +108,17 @@ def around(tree: BaseTree, observation: ArrayLike) -> Around:
 
 
 def units_of(tree: BaseTree) -> tuple[Unit, ...]:
-    """Return the units of a tree, in the order of their first features."""
+    """Return the features and groups of a tree as units, in the order of their first features."""
     single = (Unit(name, (i,)) for i, name in enumerate(tree.feature_names) if i not in tree.group_of)
     grouped = (Unit(group.name or "/".join(group.categories), group.features, group) for group in tree.groups)
     return tuple(sorted((*single, *grouped), key=lambda unit: min(unit.features)))
 
 
 def positions(tree: BaseTree, units: tuple[Unit, ...], named: Iterable[str | int]) -> set[int]:
-    """Return which units are meant by names of features and of groups, or by positions of features.
+    """Return the units with these names of features or groups, or positions of features.
 
     Raises:
-        ValueError: if there is no such feature or group, or several are called so.
+        ValueError: If there is no such feature or group, or several have the name.
     """
     of_feature = {feature: i for i, unit in enumerate(units) for feature in unit.features}
     names = [*tree.feature_names, *(unit.name for unit in units if unit.group is not None)]

@@ -1,4 +1,4 @@
-"""float32 as the training program sees it, and numbers and names as words.
+"""float32 numbers as the training program sees them, and how numbers and names are written.
 
 XLA on the CPU treats subnormal numbers as zero; NumPy, Python and C do not. So that a tree decides in all of
 them what it decided in training, every number is flushed once, where it enters.
@@ -7,6 +7,7 @@ them what it decided in training, every number is flushed once, where it enters.
 from __future__ import annotations
 
 import math
+from decimal import ROUND_CEILING, Context, Decimal
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 SMALLEST_NORMAL = float(np.finfo(np.float32).smallest_normal)
 LARGEST_SUBNORMAL = float(np.nextafter(np.float32(SMALLEST_NORMAL), np.float32(0)))
+
+_DIGITS_OF_FLOAT32 = 9
+"""Significant digits that identify every float32 number."""
 
 
 def flushed(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
@@ -29,9 +33,18 @@ def flushed(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
 
 
 def observation_batch(X: ArrayLike, n_features: int) -> tuple[Float32[np.ndarray, "batch features"], bool]:
-    """Check observations [features] or [batch, features]; return a flushed batch, and whether it was only one.
+    """Return observations as a flushed batch, and whether there was only one.
 
-    An empty list is an empty batch.
+    Args:
+        X: One observation [features], or many [batch, features]. An empty list is an empty batch.
+        n_features: The number of features of an observation.
+
+    Returns:
+        The batch in float32, [batch, features], and whether X had no batch axis.
+
+    Raises:
+        ValueError: If X has another shape.
+        TypeError: If X does not hold real numbers.
     """
     raw = np.asarray(X)
     if raw.shape == (0,) and n_features:
@@ -59,7 +72,7 @@ def next_below(x: ArrayLike) -> Float32[np.ndarray, "*shape"]:
 
 
 def unflushed_threshold(threshold: float) -> float:
-    """Return the t for which ``x <= t`` on the raw float32 x says what ``flushed(x) <= threshold`` says.
+    """Return the t for which ``x <= t`` on a raw float32 x equals ``flushed(x) <= threshold``.
 
     Only zero needs another number: positive subnormals count as zero, so they are still on its left.
     """
@@ -67,7 +80,7 @@ def unflushed_threshold(threshold: float) -> float:
 
 
 def double_threshold(threshold: float) -> float:
-    """Return the largest T for which ``x <= T`` on any double x says what ``flushed(x) <= threshold`` says.
+    """Return the largest T for which ``x <= T`` on any double x equals ``flushed(x) <= threshold``.
 
     Rounding is monotone, so it can be done once, to the threshold: T is the middle between the threshold and the
     next float32, or, where the middle is rounded up (to even), the double before it. T itself rounds to the
@@ -96,8 +109,30 @@ def number(x: float, digits: int | None = None) -> str:
     return repr(shortest(x)).removesuffix(".0")
 
 
+def simplest_float(low: float, high: float) -> float:
+    """Return the float32 number from ``low`` to ``high`` that is easiest to read.
+
+    This is 0 if the interval contains it, else the number with the fewest significant decimal digits, and of these
+    the one nearest to 0. NaN if the interval is empty.
+    """
+    if not low <= high:
+        return math.nan
+    if low <= 0 <= high:
+        return 0.0
+    if high < 0:
+        return -simplest_float(-high, -low)
+    if math.isinf(low):
+        return low
+    for digits in range(1, _DIGITS_OF_FLOAT32):
+        rounded_up = Context(prec=digits, rounding=ROUND_CEILING).create_decimal(Decimal(number(low)))
+        candidate = float(flushed(float(rounded_up)))
+        if low <= candidate <= high and math.isfinite(candidate):
+            return candidate
+    return low
+
+
 def brief(what: object, most: int = 80) -> str:
-    """Write something as Python does, cut off where that is longer than ``most`` characters."""
+    """Return the ``repr`` of an object, cut off after ``most`` characters."""
     # of a text no more is escaped than is shown
     shown = repr(what[:most]) if isinstance(what, str) else repr(what)
     cut = isinstance(what, str) and len(what) > most

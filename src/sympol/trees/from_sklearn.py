@@ -1,4 +1,4 @@
-"""Trees of scikit-learn's as ours, without changing a decision."""
+"""Conversion of scikit-learn's trees, without changing a decision."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def from_sklearn(
     kind: type[TreeT],
     **space: Any,
 ) -> TreeT:
-    """Make our tree of a fitted one of scikit-learn's, which acts as it does on every finite observation.
+    """Convert a fitted tree of scikit-learn to one that acts the same on every finite observation.
 
     A classifier's classes are the actions' numbers or names, one output for each component of
     `MultiDiscreteActions`; a regressor's outputs are the numbers of a continuous action in C order. Leaves hold
@@ -39,7 +39,8 @@ def from_sklearn(
 
     Args:
         estimator: A fitted tree.
-        actions: What its answers mean.
+        actions: The meaning of its predictions.
+        kind: The class of the returned tree.
         space: What observations are, as in `DecisionTree.from_complete`: feature_names, feature_low, feature_high,
             groups, integers, meta. Names are the estimator's own where it has any, else ``x[0]``, ``x[1]``, ….
 

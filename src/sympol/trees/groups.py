@@ -1,8 +1,7 @@
-"""Features that together are one choice: of each group exactly one is 1 and the others are 0.
+"""Groups of features that are one-hot together: exactly one of each group is 1 and the others are 0.
 
-A category (``Discrete``), the object in one cell of a grid, a traffic light: as numbers they are one-hot, as
-words they are "front is lava". Whoever knows the group knows more than the bounds say: a split already
-decided by another category disappears (`sympol.trees.prune`), and the tree reads like sentences.
+Examples are a ``Discrete`` observation or the object in one cell of a grid. A group says more than bounds do: a
+split that another category has decided is pruned (`sympol.trees.prune`), and a question reads "front is lava".
 """
 
 from __future__ import annotations
@@ -25,18 +24,17 @@ LARGEST_CELL = 999
 @final
 @dataclass(frozen=True)
 class Group:
-    """One choice among categories, told by one feature each.
+    """A choice among categories, encoded by one feature for each.
 
     Args:
-        name: What is chosen, such as ``"front"``; empty where the categories say it all.
-        features: The positions of the features in an observation, one a category.
-        categories: What each feature says when it is 1, such as ``"lava"``.
-        cell: Where this is in what an agent sees: row and column from the upper left, of a square view in
-            which the agent stands in the middle of the lowest row and looks up. None for what is not seen
-            in a place.
+        name: The name of the choice, such as ``"front"``; empty where the categories say enough.
+        features: The position in an observation of the feature of each category.
+        categories: What each feature means when it is 1, such as ``"lava"``.
+        cell: The row and column, from the upper left, of the cell of the agent's square view that this describes.
+            The agent stands in the middle of the lowest row and looks up. None for what has no place in a view.
 
     Raises:
-        ValueError: no features, one twice, or not as many categories.
+        ValueError: If there are no features, one occurs twice, or there are not as many categories.
     """
 
     name: str
@@ -68,14 +66,29 @@ class Group:
             )
 
     def words(self, feature: int, *, negated: bool = False) -> str:
-        """Say what it means that a feature of this group is 1, or is not: ``front is lava``."""
+        """Describe that a feature of this group is 1, or (``negated``) that it is 0: ``front is lava``.
+
+        Args:
+            feature: Position of a feature of this group.
+            negated: Whether the feature is 0 instead of 1.
+
+        Returns:
+            The condition in words.
+        """
         category = printable(self.categories[self.features.index(feature)])
         if not self.name:
             return f"not {category}" if negated else category
         return f"{printable(self.name)} is {'not ' if negated else ''}{category}"
 
     def words_without(self, features: Sequence[int]) -> str:
-        """Say that none of these features of this group is 1: ``front is neither lava nor wall``."""
+        """Describe that none of these features is 1: ``front is neither lava nor wall``.
+
+        Args:
+            features: Positions of features of this group.
+
+        Returns:
+            The condition in words.
+        """
         if len(features) == 1:
             return self.words(features[0], negated=True)
         *some, last = (printable(self.categories[self.features.index(feature)]) for feature in features)
@@ -84,7 +97,7 @@ class Group:
 
 
 def check_groups(groups: Sequence[Group], n_features: int) -> tuple[Group, ...]:
-    """Return the groups if they are of these features and none is in two. Raises ValueError otherwise."""
+    """Return the groups. Raises ValueError where a feature does not exist or is in two groups."""
     owner: dict[int, str] = {}
     for group in groups:
         for feature in group.features:
@@ -99,7 +112,7 @@ def check_groups(groups: Sequence[Group], n_features: int) -> tuple[Group, ...]:
 
 
 def check_integers(integers: Sequence[int], groups: Sequence[Group], n_features: int) -> tuple[int, ...]:
-    """Return the positions of whole-numbered features, in order. Raises ValueError where one is none, or grouped."""
+    """Return sorted positions of integer features. Raises ValueError where one does not exist or is in a group."""
     ordered = tuple(sorted({int(i) for i in integers}))
     grouped = {feature for group in groups for feature in group.features}
     for i in ordered:
@@ -111,7 +124,7 @@ def check_integers(integers: Sequence[int], groups: Sequence[Group], n_features:
 
 
 def require_one_hot(groups: Sequence[Group], x: Float32[np.ndarray, "batch features"]) -> None:
-    """Raise ValueError, naming the observation, where a group is not one 1 and otherwise 0."""
+    """Raise ValueError, naming the observation, unless exactly one feature of each group is 1 and the others are 0."""
     if not groups:
         return
     order = np.concatenate([group.features for group in groups])

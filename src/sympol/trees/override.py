@@ -1,6 +1,6 @@
-"""A rule on top of a tree: wherever a condition holds it is done, everywhere else what the tree does.
+"""Overrides: a rule on top of a tree that decides wherever a condition holds, and the nodes a condition concerns.
 
-    forced = force(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
+    edited = override(tree, "pole angle > 0.1 and cart velocity > 0", "push right")
 
 The condition is a property's ``when`` (`sympol.trees.verify.grammar`). Each of its cases becomes a chain of
 questions from the root down, where every other answer leads on to the tree as it was, without what the questions
@@ -19,7 +19,7 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from .base import BaseTree, TreeT
-from .boxes import Boxes, space
+from .boxes import Boxes, node_boxes, space
 from .edit import checked_threshold, leaf_tree, split_tree
 from .floats import next_below
 from .name_lookup import Action, leaf_value
@@ -33,24 +33,40 @@ _MOST_QUESTIONS = 500
 
 
 class Edited(NamedTuple, Generic[TreeT]):
-    """A tree, and which of its nodes an edit made, so that they can be kept as they are when it is trained on."""
+    """An edited tree and the nodes that the edit made, which training can freeze."""
 
     tree: TreeT
     nodes: tuple[int, ...]
 
 
-def force(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
-    """Return the tree that takes an action wherever a condition holds, and acts as before everywhere else.
+def override(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
+    """Return the tree that takes an action wherever a condition holds and acts as before everywhere else.
+
+    Args:
+        tree: The tree.
+        condition: A property's ``when``, such as ``"pole angle > 0.1 and cart velocity > 0"``.
+        action: A name or a number; an option for each component; numbers where it is continuous.
+
+    Returns:
+        The edited tree and the numbers of the nodes that are the rule.
+
+    Args:
+        tree: The tree to change; it stays as it is.
+        condition: Where the action is taken, as after ``when`` in a property.
+        action: The action: a name, a number, or one for each component.
+
+    Returns:
+        The changed tree, and the numbers of the nodes that are the rule.
 
     Raises:
-        ValueError: the condition is none, names what the tree does not have, or can never hold; or there is no such
-            action.
-        TypeError: an action of another kind.
+        ValueError: If the condition cannot be parsed, names what the tree does not have, or never holds; or if there
+            is no such action.
+        TypeError: If the action is of another type.
     """
     rule = _marked(leaf_tree(tree, leaf_value(tree.actions, action)), visits=1)
     asked = parse_condition(condition, tree)
     if not len(boxes_of(asked, space(tree, bounds=False))):
-        raise ValueError(f"no observation meets the condition {condition!r}: there is nothing to force")
+        raise ValueError(f"no observation meets the condition {condition!r}: there is nothing to override")
     # whole numbers are compared as numbers: the rule holds, and reads, as it was written
     everything = space(replace(tree, integers=()), bounds=False)
     boxes = boxes_of(asked, everything)
@@ -63,15 +79,40 @@ def force(tree: TreeT, condition: str, action: Action) -> Edited[TreeT]:
     return Edited(replace(grown, n_node_samples=None), nodes)
 
 
+def nodes_reached_by(tree: BaseTree, condition: str) -> tuple[int, ...]:
+    """Return the nodes that observations satisfying a condition reach.
+
+    As long as these nodes stay as they are, so does the policy wherever the condition holds.
+
+    Args:
+        tree: The tree.
+        condition: A property's ``when``, such as ``"pole angle > 0.1 and cart velocity > 0"``.
+
+    Returns:
+        The numbers of the nodes, in order.
+
+    Raises:
+        ValueError: If the condition cannot be parsed, names what the tree does not have, or never holds.
+    """
+    meant = boxes_of(parse_condition(condition, tree), space(tree, bounds=False))
+    if not len(meant):
+        raise ValueError(f"no observation meets the condition {condition!r}")
+    nodes = node_boxes(tree, bounds=False)
+    reached = np.zeros(tree.n_nodes, bool)
+    for box in range(len(meant)):
+        reached |= ~nodes.intersect(meant[[box]]).is_empty
+    return tuple(np.flatnonzero(reached).tolist())
+
+
 class _Case(NamedTuple):
-    """One box of the condition, and what to ask to know whether an observation is in it."""
+    """One box of the condition, and the splits that decide whether an observation is in it."""
 
     box: Boxes
     questions: tuple[tuple[int, float], ...]
 
 
 def _questions(tree: BaseTree, box: Boxes, everything: Boxes) -> tuple[tuple[int, float], ...]:
-    """Features and thresholds, feature by feature, on one side of each of which the whole box is."""
+    """Return the splits, as features and thresholds, that separate a box from everything else."""
     asked: list[tuple[int, float]] = []
     low, high = box.low[0], box.high[0]
     for group in tree.groups:
@@ -89,14 +130,14 @@ def _questions(tree: BaseTree, box: Boxes, everything: Boxes) -> tuple[tuple[int
 
 @dataclass
 class _Growing(Generic[TreeT]):
-    """The work of putting a rule on top of a tree."""
+    """The construction of a rule on top of a tree."""
 
     rule: TreeT
     tree: TreeT
     n_questions: int = 0
 
     def grown(self, region: Boxes, cases: list[_Case]) -> TreeT:
-        """The questions that a region leaves open, the rule where they are all answered, else the tree."""
+        """Return the splits a region leaves undecided, with the rule where all hold and the tree elsewhere."""
         while cases and cases[0].box.intersect(region).is_empty[0]:
             cases = cases[1:]
         if not cases:
@@ -107,15 +148,15 @@ class _Growing(Generic[TreeT]):
                 self.n_questions += 1
                 if self.n_questions > _MOST_QUESTIONS:
                     raise ValueError(
-                        f"the condition asks more than {_MOST_QUESTIONS} questions; force simpler ones, one after "
-                        "the other"
+                        f"the condition asks more than {_MOST_QUESTIONS} questions; split it into simpler conditions, "
+                        "each an override of its own"
                     )
                 return split_tree(feature, threshold, self.grown(left, cases), self.grown(right, cases))
         return self.rule
 
 
 def _marked(tree: TreeT, *, visits: int) -> TreeT:
-    """The tree with a number at each leaf, and sums above, which pruning keeps."""
+    """Return the tree with this number of visits at each leaf, as marks that pruning preserves."""
     marks = np.where(tree.is_leaf, visits, 0)
     for node in np.flatnonzero(~tree.is_leaf)[::-1]:
         marks[node] = marks[tree.children_left[node]] + marks[tree.children_right[node]]

@@ -1,4 +1,4 @@
-"""Trees as pictures.
+"""Pictures of trees.
 
 A small tree grows from the top down, its left branch where the answer is yes; one that would be too wide to read
 on a page grows from left to right, its upper branch where the answer is yes. Colours are told apart by people who
@@ -19,14 +19,15 @@ from .actions import BoxActions, DiscreteActions
 from .base import BaseTree
 from .floats import number, printable
 from .plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen, TextBox, shortened
-from .plot_fonts import drawn_in, style_for
 from .plot_grid_view import ViewBox, view_side
-from .plot_page import Drawable, Layout, check_file, lay_out, save
+from .plot_layout import Drawable, Layout, lay_out
+from .plot_style import check_file, drawn_in, save, style_for
 from .text import asked_group, leaf_words, question, visit_share
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool
+    from jaxtyping import Bool, UInt8
     from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
@@ -37,6 +38,8 @@ COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#D55E00", "#0
 _DIVERGING, _SEQUENTIAL = "RdBu_r", "cividis"
 _ARROWS = {"turn left": "↰", "turn right": "↱", "forward": "↑", "move forward": "↑"}
 """Said beside the words where a tree is drawn with views, in which up is where the agent looks."""
+_LEAST_DPI = 30.0
+"""Fonts are not drawn smaller; the picture is made smaller instead."""
 
 Box: TypeAlias = TextBox | ViewBox
 
@@ -81,7 +84,7 @@ def plot(
 
 
 def arrange(tree: BaseTree, digits: int) -> tuple[Layout, list[Box]]:
-    """Lay the tree out with its boxes, see `lay_out`."""
+    """Return the layout and the boxes of a drawn tree, with ``digits`` significant digits of thresholds."""
     yes_is_right = np.array(
         [not leaf and asked_group(tree, i) is not None for i, leaf in enumerate(tree.is_leaf)]
     )
@@ -89,7 +92,7 @@ def arrange(tree: BaseTree, digits: int) -> tuple[Layout, list[Box]]:
 
 
 def _boxes(tree: BaseTree, digits: int, *, downward: bool) -> list[Box]:
-    """Word and colour every node; a leaf's share of visits goes where there is room: below, or behind."""
+    """Return a box for every node; the share of visits of a leaf goes below its action, or behind it."""
     colour, side = leaf_colours(tree), view_side(tree.groups)
     boxes: list[Box] = []
     for node in range(tree.n_nodes):
@@ -212,3 +215,79 @@ def _draw_edge(tree: BaseTree, layout: Layout, pen: Pen, parent: int, child: int
         },
         zorder=2,
     )
+
+
+class PathPictures:
+    """Pictures of a tree for films, each with the path to one leaf highlighted as `plot` does.
+
+    The pale tree is drawn once and paths are drawn over it, which takes time in proportion to the path.
+
+    Args:
+        tree: The tree.
+        most_pixels: The largest width and height.
+        dpi: The resolution, reduced where the picture would be larger.
+    """
+
+    def __init__(self, tree: BaseTree, *, most_pixels: tuple[int, int], dpi: float) -> None:
+        self._tree, self._parents, self._style = tree, _parents(tree), style_for(tree)
+        with drawn_in(self._style):
+            self._layout, self._boxes = arrange(tree, 4)
+            self._scale = min(1.0, *(np.array(most_pixels) / (dpi * self._layout.extent)))
+            self._dpi = max(_LEAST_DPI, dpi * self._scale)
+            self._canvas = self._blank()
+            draw(tree, self._layout, self._boxes, self._canvas.figure.axes[0], np.zeros(tree.n_nodes, bool))
+            self._canvas.draw()
+        self._pale = self._canvas.copy_from_bbox(self._canvas.figure.bbox)
+        width, height = self._canvas.get_width_height()
+        if self._dpi > dpi * self._scale:
+            width, height = (max(1, round(length)) for length in dpi * self._scale * self._layout.extent)
+        self.size = width, height
+        """Width and height."""
+
+    def whole(self) -> UInt8[np.ndarray, "height width 3"]:
+        """Return the picture without a highlighted path."""
+        with drawn_in(self._style):
+            canvas = self._blank()
+            draw(self._tree, self._layout, self._boxes, canvas.figure.axes[0])
+            canvas.draw()
+        return self._pixels(canvas)
+
+    def path_to(self, leaf: int) -> UInt8[np.ndarray, "height width 3"]:
+        """Return the picture with the path to a leaf highlighted."""
+        lit: Bool[np.ndarray, " nodes"] = np.zeros(self._tree.n_nodes, bool)
+        node = leaf
+        while node >= 0:
+            lit[node] = True
+            node = int(self._parents[node])
+        canvas, ax = self._canvas, self._canvas.figure.axes[0]
+        with drawn_in(self._style):
+            ax.clear()
+            draw(self._tree, self._layout, self._boxes, ax, lit, only_lit=True)
+            canvas.restore_region(self._pale)
+            for artist in sorted((*ax.patches, *ax.texts), key=lambda artist: artist.get_zorder()):
+                ax.draw_artist(artist)
+        return self._pixels(canvas)
+
+    def _blank(self) -> FigureCanvasAgg:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=tuple(self._layout.extent), dpi=self._dpi)
+        figure.add_axes((0, 0, 1, 1))
+        return FigureCanvasAgg(figure)
+
+    def _pixels(self, canvas: FigureCanvasAgg) -> UInt8[np.ndarray, "height width 3"]:
+        from PIL import Image
+
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+        if picture.size != self.size:
+            picture = picture.resize(self.size, Image.Resampling.HAMMING)
+        return np.asarray(picture)
+
+
+def _parents(tree: BaseTree) -> np.ndarray:
+    """Return the parent of each node, -1 for the root."""
+    parents = np.full(tree.n_nodes, -1)
+    for node in np.flatnonzero(~tree.is_leaf):
+        parents[[tree.children_left[node], tree.children_right[node]]] = node
+    return parents

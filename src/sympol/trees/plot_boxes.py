@@ -1,4 +1,4 @@
-"""What the nodes of a drawn tree look like: rows of words in a rounded box, drawn with a pen.
+"""Boxes of a drawn tree: rows of words in a rounded frame, drawn with a pen.
 
 The unit is an inch on paper, y grows downward.
 """
@@ -26,14 +26,14 @@ _FADED = 0.7
 
 @dataclass(frozen=True)
 class Pen:
-    """Where to draw and how large; ``lit`` is whether this lies on the way that is shown, None if none is."""
+    """The axes to draw on, the scale, and whether this lies on the highlighted path (None if there is none)."""
 
     ax: Axes
     scale: float
     lit: bool | None = None
 
     def colour(self, colour: str) -> str:
-        """Return the colour, or, beside the way that is shown, a pale one of its kind.
+        """Return the colour, made pale beside a highlighted path.
 
         Mixed instead of transparent: parts may lie over each other.
         """
@@ -43,7 +43,7 @@ class Pen:
 
     @property
     def outline(self) -> dict[str, Any]:
-        """How boxes are outlined."""
+        """The outline of boxes, as arguments of a patch."""
         colour, width = (INK, 1.8) if self.lit else (LINE, 0.8)
         return {"edgecolor": self.colour(colour), "linewidth": width * self.scale}
 
@@ -57,7 +57,7 @@ class Pen:
         on: str = PAPER,
         align: Literal["left", "center", "right"] = "center",
     ) -> None:
-        """Write words at a place, in what can be read on a colour."""
+        """Write words at a position, in a colour that is readable on the background."""
         self.ax.text(
             x,
             y,
@@ -71,7 +71,7 @@ class Pen:
         )
 
     def lines(self, points: Float[np.ndarray, "points 2"], fill: str, line: str, width: float) -> None:
-        """Draw straight lines through points, back to the first one if they are filled or end there."""
+        """Draw straight lines through points, closed if they are filled or end where they begin."""
         from matplotlib.patches import Polygon
 
         self.ax.add_patch(
@@ -97,11 +97,11 @@ class TextBox:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height."""
+        """Width and height, in inches."""
         return max(map(text_width, self.rows)) + 2 * PAD, len(self.rows) * ROW + PAD
 
     def draw(self, pen: Pen, centre: Float[np.ndarray, " 2"]) -> None:
-        """Draw it around a place."""
+        """Draw the box around its centre."""
         from matplotlib.patches import Rectangle
 
         width, height = self.size
@@ -126,7 +126,7 @@ def rounded(x: float, y: float, width: float, height: float, **look: Any) -> Fan
 
 
 def shortened(words: str) -> str:
-    """Cut what no box has room for."""
+    """Return the words, cut off where they do not fit into a box."""
     return words if len(words) <= _LONGEST_LABEL else words[: _LONGEST_LABEL - 1] + "…"
 
 

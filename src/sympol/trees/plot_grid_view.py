@@ -1,4 +1,4 @@
-"""A split on what lies in one cell of what an agent sees, as a small picture of the view.
+"""Small pictures of an agent's view for splits on what lies in one of its cells.
 
 The agent stands in the middle of the lowest row and looks up. Only the cell asked about is filled in: a tree
 looks at nothing else there. The words stand below, so that nothing is said by form or colour alone.
@@ -32,13 +32,13 @@ class _Line(NamedTuple):
 
 
 def view_side(groups: tuple[Group, ...]) -> int:
-    """Return how many cells the agent sees in each direction; 0 if nothing is seen in a place."""
+    """Return the number of cells in each direction of the view; 0 if there is no view."""
     return max((1 + max(group.cell) for group in groups if group.cell is not None), default=0)
 
 
 @dataclass(frozen=True)
 class ViewBox:
-    """A view ``side`` cells wide and high, with what is asked for in one of them."""
+    """A view of ``side`` cells in each direction, with the category asked about in one of them."""
 
     side: int
     cell: tuple[int, int]
@@ -51,7 +51,7 @@ class ViewBox:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height."""
+        """Width and height, in inches."""
         grid = self.side * self._cell_size
         return max(grid, text_width(self._caption)) + 2 * PAD, grid + ROW + 1.5 * PAD
 
@@ -60,7 +60,7 @@ class ViewBox:
         return shortened(self.words)
 
     def draw(self, pen: Pen, centre: Float[np.ndarray, " 2"]) -> None:
-        """Draw it around a place."""
+        """Draw the box around its centre."""
         width, height = self.size
         x, y = centre - np.array([width, height]) / 2
         pen.ax.add_patch(rounded(x, y, width, height, facecolor=pen.colour(PAPER), **pen.outline, zorder=3))
@@ -99,7 +99,7 @@ class ViewBox:
 
 
 def glyph(category: str) -> tuple[_Line, ...]:
-    """Return what a category looks like, in the colour that it names; nothing where that is unknown.
+    """Return the drawing of a category, in the colour its name contains; empty if it is unknown.
 
     >>> len(glyph("red key")) == len(glyph("key"))
     True

@@ -1,10 +1,10 @@
-"""Smaller trees that act the same.
+"""Pruning: smaller trees that act the same.
 
 `prune` removes
 
 1. splits decided already: by an ancestor on the same feature or on the same group, or by the bounds of the
    observation space;
-2. idle splits: those whose one side, asked for both, gives the same actions.
+2. redundant splits: replacing the node by one of its children changes no action.
 
 Decided by an ancestor is true of every observation, NaN and infinities included: left of ``x <= t`` means
 ``x <= s`` for every s >= t (and no NaN), right of it means that ``x <= s`` fails for every s <= t (and for
@@ -13,27 +13,34 @@ where all categories but one are ruled out, it is that one. Decided by the bound
 within them, both ends included, and of no others: an observation below ``feature_low``, above ``feature_high``
 or NaN may get another action afterwards. Infinite bounds decide nothing. `sympol.trees.regions` keeps account.
 
-Idle splits are found from the leaves up, by walking through both sides at once: as an observation of the one
-side would be answered by the other, cell by cell, up to the first cell with two actions. Two equal leaves are
-the smallest case. If either side can answer for both, the smaller one stays.
+Redundant splits are found from the leaves up, by descending both sides at once: each cell of one side is compared
+with the action of the other, up to the first cell with two actions. Two equal leaves are the smallest case. If
+either side can replace both, the smaller one stays.
 
-After one call nothing is left for another: what stays was neither decided nor idle among the observations that
-came by it, and more observations may come by it once a split above is gone, never fewer.
+Pruning is idempotent: what stays was neither decided nor redundant among the observations that reached it, and
+removing a split above can only add observations.
+
+`prune_on` does the same for a list of all observations that can occur. Groups and bounds do not capture everything
+that cannot be seen; where an environment is small enough to list its observations, the list does.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .actions import ActionSpec, BoxActions
 from .base import BaseTree, TreeT
-from .floats import SMALLEST_NORMAL, flushed
-from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
+from .floats import SMALLEST_NORMAL, flushed, observation_batch
+from .preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD, descend, paths
 from .regions import Region, Way
+
+if TYPE_CHECKING:
+    from jaxtyping import Int
+    from numpy.typing import ArrayLike
 
 # Steps of a comparison, for each leaf of both sides, after which a split counts as not idle. Sides of the same
 # shape need 7; a tree made for it could need as many as it has pairs of leaves.
@@ -42,7 +49,7 @@ _PATIENCE, _LEAST_PATIENCE = 64, 10_000
 
 @dataclass(eq=False)
 class _Leaf:
-    """A leaf under work: what it does, as bytes, and how many came by, if that is known."""
+    """A leaf under construction: its action, as bytes, and its visits, if they are known."""
 
     value: np.ndarray
     action: bytes
@@ -52,7 +59,7 @@ class _Leaf:
 
 @dataclass(eq=False)
 class _Split:
-    """An inner node under work, linked to its children from `left` and `right` on."""
+    """An inner node under construction."""
 
     feature: int
     threshold: float
@@ -70,14 +77,19 @@ _Node: TypeAlias = _Split | _Leaf
 
 
 def prune(tree: TreeT, *, bounds: bool = True, merge: bool = True) -> TreeT:
-    """Return the smaller tree that acts the same, deterministically, within the bounds of the space.
+    """Return the smaller tree with the same deterministic action everywhere in the observation space.
 
-    Without ``bounds`` it acts the same on every observation in which each group is one-hot; without ``merge``
-    every leaf that can be reached keeps its own value. Merged leaves get the visit-weighted mean of their
-    probabilities where visits are known and it keeps the action, else the value of the leaf that was visited
-    more. Visits that went where the bounds forbid are dropped. Where visits would have to be shared between
-    leaves, nobody knows how: then the leaves keep their values, and the tree that is returned knows no visits;
-    `DecisionTree.with_visits` counts them again.
+    Merged leaves get the visit-weighted mean of their probabilities where visits are known and the action stays, else
+    the outputs of the leaf with more visits. Visits outside the bounds are dropped. Where the visits of one leaf would
+    have to be divided among several, all visits are dropped; `DecisionTree.with_visits` counts them again.
+
+    Args:
+        tree: The tree.
+        bounds: Whether only observations within the bounds count; otherwise all in which each group is one-hot.
+        merge: Whether leaves with the same action may become one; otherwise every reachable leaf keeps its outputs.
+
+    Returns:
+        The pruned tree.
     """
     work, region = _work(tree), Region(tree, bounds=bounds)
     done: list[_Node] = []
@@ -108,10 +120,16 @@ def prune(tree: TreeT, *, bounds: bool = True, merge: bool = True) -> TreeT:
 
 
 def prune_unvisited(tree: TreeT) -> TreeT:
-    """Drop the branches nobody visited. This CHANGES the policy on observations that were never seen.
+    """Remove the branches without visits. This CHANGES the policy on observations that were never seen.
+
+    Args:
+        tree: A tree with visits; `DecisionTree.with_visits` counts them.
+
+    Returns:
+        The pruned tree.
 
     Raises:
-        ValueError: if the tree does not know its visits; `DecisionTree.with_visits` counts them.
+        ValueError: If the tree has no visits.
     """
     visits = tree.n_node_samples
     if visits is None or visits[0] == 0:
@@ -128,7 +146,7 @@ def prune_unvisited(tree: TreeT) -> TreeT:
 
 
 def _work(tree: BaseTree) -> list[_Node]:
-    """Unpack the arrays."""
+    """Return the nodes of a tree, not yet linked."""
     values, decided = tree.leaf_outputs, tree.leaf_actions
     visits = [None] * tree.n_nodes if tree.n_node_samples is None else tree.n_node_samples.tolist()
     return [
@@ -140,7 +158,7 @@ def _work(tree: BaseTree) -> list[_Node]:
 
 
 def _survivor(actions: ActionSpec, split: _Split, region: Region) -> _Node:
-    """Return the smaller side that can answer for both, with the other one's visits, or the split itself."""
+    """Return the smaller side that can replace both, with the visits of the other added, or the split itself."""
     orders: list[tuple[Way, Way]] = [("left", "right"), ("right", "left")]
     for kept, dropped in sorted(orders, key=lambda order: split.side(order[0]).n_leaves):
         answered_by = _answered_by(split.side(kept), split, dropped, region)
@@ -152,7 +170,7 @@ def _survivor(actions: ActionSpec, split: _Split, region: Region) -> _Node:
 
 
 def _answered_by(keep: _Node, split: _Split, way: Way, region: Region) -> dict[_Leaf, list[_Leaf]] | None:
-    """Return the leaves of `keep` that answer for each leaf on this side; None if somewhere it acts otherwise."""
+    """Return the leaves of `keep` that replace each leaf on this side; None if an action differs somewhere."""
     answered_by: dict[_Leaf, list[_Leaf]] = {}
     other, depth = split.side(way), region.depth
     patience = _LEAST_PATIENCE + _PATIENCE * (keep.n_leaves + other.n_leaves)
@@ -180,7 +198,7 @@ def _answered_by(keep: _Node, split: _Split, way: Way, region: Region) -> dict[_
 
 
 def _undecided(node: _Node, region: Region) -> tuple[_Node, int]:
-    """Descend as far as all these observations go together; return that node, and how far it was."""
+    """Descend as long as all observations of the region go the same way; return the node and the number of steps."""
     steps = 0
     while isinstance(node, _Split) and (way := region.way(node.feature, node.threshold)) is not None:
         node, steps = node.side(way), steps + 1
@@ -188,7 +206,7 @@ def _undecided(node: _Node, region: Region) -> tuple[_Node, int]:
 
 
 def _add_visits(actions: ActionSpec, leaf: _Leaf, answered_by: list[_Leaf]) -> None:
-    """Add the visits of a leaf that is dropped to the leaves that answer in its place."""
+    """Add the visits of a removed leaf to the leaves that replace it."""
     kept = answered_by[0]
     if len({*answered_by}) == 1:
         if leaf.visits is None or kept.visits is None:
@@ -202,7 +220,7 @@ def _add_visits(actions: ActionSpec, leaf: _Leaf, answered_by: list[_Leaf]) -> N
 
 
 def _common_value(actions: ActionSpec, a: _Leaf, b: _Leaf) -> np.ndarray:
-    """Return one value for two leaves that act the same, and whose visits are known."""
+    """Return common outputs for two leaves with the same action and known visits."""
     assert a.visits is not None
     assert b.visits is not None
     more_visited = a.value if a.visits >= b.visits else b.value
@@ -251,4 +269,84 @@ def _rebuild(tree: TreeT, preorder: Iterable[_Node]) -> TreeT:
         threshold=threshold,
         value=value,
         n_node_samples=visits if known else None,
+    )
+
+
+def prune_on(tree: TreeT, observations: ArrayLike, *, merge: bool = True) -> TreeT:
+    """Return the smaller tree with the same deterministic action on each of these observations.
+
+    On all others it may act differently. A split is removed where one of its sides gives the same actions for all
+    observations that reach it; if either side does, the smaller one stays. Leaves keep their outputs, visits are
+    dropped: `DecisionTree.with_visits` counts them.
+
+    Args:
+        tree: The tree.
+        observations: All observations that can occur, [batch, features].
+        merge: Whether leaves with the same action may replace each other.
+
+    Returns:
+        The pruned tree.
+
+    Raises:
+        ValueError: If there are no observations, they have another shape, or a group is not one-hot in them.
+        TypeError: If they do not hold numbers.
+    """
+    X, _ = observation_batch(observations, tree.n_features)
+    if len(X) == 0:
+        raise ValueError("there must be at least one observation to prune on, got none")
+    X = np.unique(X, axis=0)
+    leaf = np.atleast_1d(tree.apply(X))
+    answer = _numbered(tree.leaf_actions) if merge else np.arange(tree.n_nodes)
+    wanted = answer[leaf]
+    come_by = paths(tree.children_left, tree.children_right, leaf).T
+    left, right = tree.children_left.copy(), tree.children_right.copy()
+    in_place, n_leaves = np.arange(tree.n_nodes), np.ones(tree.n_nodes, int)
+    for node in np.flatnonzero(~tree.is_leaf)[::-1]:
+        sides = left[node], right[node] = int(in_place[left[node]]), int(in_place[right[node]])
+        n_leaves[node] = n_leaves[[*sides]].sum()
+        here = come_by[node]
+        for side in sorted(sides, key=lambda side: n_leaves[side]):
+            found = descend(left, right, tree.feature, tree.threshold, X[here], side)
+            if (answer[found] == wanted[here]).all():
+                in_place[node] = side
+                break
+    return select_nodes(tree, left, right, int(in_place[0]))
+
+
+def _numbered(actions: np.ndarray) -> Int[np.ndarray, " nodes"]:
+    """Return a number for each action, equal where the actions are equal bit for bit."""
+    numbers: dict[bytes, int] = {}
+    return np.array([numbers.setdefault(action.tobytes(), len(numbers)) for action in actions])
+
+
+def select_nodes(
+    tree: TreeT, left: Int[np.ndarray, " nodes"], right: Int[np.ndarray, " nodes"], root: int
+) -> TreeT:
+    """Return the tree of the nodes that changed links reach from ``root``, without visits.
+
+    Args:
+        tree: The tree whose nodes are kept or left out.
+        left: The left child of each node, [nodes]; -1 at leaves.
+        right: The right child of each node, [nodes]; -1 at leaves.
+        root: The node that becomes the root.
+
+    Returns:
+        The tree, its nodes in preorder.
+    """
+    order, awaited = [], [root]
+    while awaited:
+        order.append(node := awaited.pop())
+        if left[node] != NO_CHILD:
+            awaited += [right[node], left[node]]
+    position = np.full(tree.n_nodes, NO_CHILD)
+    position[order] = np.arange(len(order))
+    leaf = left[order] == NO_CHILD
+    return replace(
+        tree,
+        children_left=np.where(leaf, NO_CHILD, position[left[order]]),
+        children_right=np.where(leaf, NO_CHILD, position[right[order]]),
+        feature=tree.feature[order],
+        threshold=tree.threshold[order],
+        value=tree.leaf_outputs[order],
+        n_node_samples=None,
     )

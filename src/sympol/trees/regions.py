@@ -1,9 +1,9 @@
-"""Regions: the observations that can come by a node, as far as the way to it and their space tell.
+"""Regions: the observations that can reach a node, as far as the path to it and the space determine them.
 
-Left of ``x <= t`` a feature is at most t, and no NaN; right of it, it is greater than t, or NaN. So of each
-feature a region knows an interval, open below and closed above, to which NaN belongs where it has no upper
-end: NaN goes wherever +inf goes. Of a group it knows which categories are left. The features of a group have
-no interval: below 0 and from 1 on, a split does not ask them anything.
+Left of ``x <= t`` a feature is at most t and not NaN; right of it, it is greater than t, or NaN. A region holds
+for each feature an interval, open below and closed above, which contains NaN if it has no upper end: NaN goes
+wherever +inf goes. For a group it holds the categories that are left. Features of a group have no interval: a
+threshold below 0, or 1 and above, does not distinguish them.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ Way: TypeAlias = Literal["left", "right"]
 
 
 class Region:
-    """What is known on the way to a node: `enter` a side of a split, and `leave` it again.
+    """The observations on the path to a node: `enter` a side of a split, and `leave` it again.
 
     A region is never empty: one enters only where `way` leaves both sides open. It takes memory in proportion
     to the features and to the splits that were entered.
 
     Args:
-        tree: Its features, their bounds, and its groups.
-        bounds: Whether only observations within the bounds count, both ends included. Infinite bounds say
-            nothing, and neither do bounds that leave a group no category.
+        tree: The tree whose features, bounds and groups count.
+        bounds: Whether only observations within the bounds count, both ends included. Infinite bounds restrict
+            nothing, nor do bounds that leave a group no category.
     """
 
     def __init__(self, tree: BaseTree, *, bounds: bool) -> None:
-        """Begin with the whole space."""
+        """Start with the whole space."""
         low, high = tree.feature_low.tolist(), tree.feature_high.tolist()
         if not bounds:
             low, high = [-math.inf] * tree.n_features, [math.inf] * tree.n_features
@@ -52,7 +52,7 @@ class Region:
         self._entered: list[tuple[int, Way, float]] = []
 
     def way(self, feature: int, threshold: float) -> Way | None:
-        """Return the side to which all these observations go, or None where some go to each."""
+        """Return the side to which all these observations go, or None if some go to each."""
         if (group := self._group_of.get(feature)) is None:
             if threshold <= self.above[feature]:
                 return "right"
@@ -66,7 +66,7 @@ class Region:
         return "right" if self.n_possible[group] == 1 else None
 
     def enter(self, feature: int, threshold: float, way: Way) -> None:
-        """Keep only the observations that go this way at this split, on which some do and some do not."""
+        """Restrict the region to the observations that go this way at a split that separates them."""
         ends = self.most if way == "left" else self.above
         self._entered.append((feature, way, ends[feature]))
         if (group := self._group_of.get(feature)) is None:
@@ -79,11 +79,11 @@ class Region:
 
     @property
     def depth(self) -> int:
-        """How many sides were entered and not left."""
+        """The number of sides entered and not left."""
         return len(self._entered)
 
     def leave(self) -> None:
-        """Forget the side entered last."""
+        """Undo the last `enter`."""
         feature, way, end = self._entered.pop()
         (self.most if way == "left" else self.above)[feature] = end
         if (group := self._group_of.get(feature)) is not None and way == "right":

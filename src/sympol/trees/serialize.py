@@ -1,4 +1,4 @@
-"""Trees as strict JSON, described for other programs in docs/guides/tree-json.md.
+"""Serialization: trees as strict JSON, described for other programs in docs/guides/tree-json.md.
 
 ```
 {"format": "sympol.tree", "version": 1,
@@ -41,7 +41,7 @@ _MOST_DIMENSIONS = 32
 
 
 def to_json(tree: BaseTree) -> str:
-    """Write the tree, a feature and a node a line."""
+    """Write the tree as JSON, one line for each feature and each node."""
     bounds = zip(tree.feature_names, tree.feature_low, tree.feature_high, strict=True)
     features = [
         {"name": name, "low": _bound(low), "high": _bound(high)}
@@ -165,7 +165,7 @@ def _read_cell(cell: object, where: str) -> tuple[int, int]:
 
 
 def read_actions(spec: object) -> ActionSpec:
-    """Read what the document says of actions. Raises ValueError where it says it in no form that there is."""
+    """Read the specification of actions. Raises ValueError where it is not valid."""
     kind = spec.get("type") if isinstance(spec, dict) else None
     if kind == "discrete":
         spec = _fields(spec, "actions", "type", "start", "names")

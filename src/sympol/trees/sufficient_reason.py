@@ -1,7 +1,7 @@
-"""Sufficient reasons: the smallest part of an observation that forces the action, whatever all else is.
+"""Sufficient reasons: the smallest part of an observation that forces the action, whatever the rest is.
 
-To force it, the part must keep the observation out of every leaf that acts otherwise: of each such leaf it must
-hold at least one value that does not lead there. The smallest part that does is a smallest hitting set, found
+It must keep the observation out of every leaf with another action: for each such leaf it must contain at least one
+value that does not lead there. The smallest part that does is a smallest hitting set, found
 exactly, by branch and bound (Darwiche and Hirth 2020 call it a minimum-cardinality sufficient reason).
 """
 
@@ -16,13 +16,13 @@ from typing import final
 import numpy as np
 
 from .base import BaseTree
-from .explanation_features import Around, Unit
+from .explanation_features import LocalNeighborhood, Unit
 
 
 @final
 @dataclass(frozen=True)
 class Reason:
-    """What alone forces an action; without units, nothing is needed: there is no other action."""
+    """The features and groups that force an action; without units, there is no other action."""
 
     units: tuple[Unit, ...]
     words: str
@@ -34,7 +34,7 @@ class Reason:
         return tuple(unit.name for unit in self.units)
 
 
-def smallest_reason(tree: BaseTree, here: Around) -> Reason:
+def smallest_reason(tree: BaseTree, here: LocalNeighborhood) -> Reason:
     """Return the reason with the fewest units; of several, the one whose units come first."""
     actions = tree.leaf_actions[here.leaves].reshape(len(here.leaves), -1)
     own = actions[np.searchsorted(here.leaves, here.leaf)]
@@ -45,10 +45,16 @@ def smallest_reason(tree: BaseTree, here: Around) -> Reason:
 
 
 def smallest_hitting_set(sets: Iterable[int]) -> tuple[int, ...]:
-    """Return the fewest positions so that each set, given by its bits, has at least one of them.
+    """Return the fewest positions of which each set has at least one.
+
+    Args:
+        sets: The sets, each as the bits of an integer.
+
+    Returns:
+        The positions, in order.
 
     Raises:
-        ValueError: if a set is empty: nothing hits it.
+        ValueError: If a set is empty.
     """
     minimal: list[int] = []
     for one in sorted({*sets}, key=lambda one: (one.bit_count(), one)):
@@ -63,7 +69,7 @@ def smallest_hitting_set(sets: Iterable[int]) -> tuple[int, ...]:
 
 
 def _hit(sets: list[int], size: int) -> tuple[int, ...] | None:
-    """As many positions as ``size`` that hit all sets, or None where there are none."""
+    """Return at most ``size`` positions that hit all sets, or None if there are none."""
     # what hits a set that has nothing else, all of it at once: there may be thousands
     forced = reduce(or_, (one for one in sets if one.bit_count() == 1), 0)
     if forced:
@@ -87,7 +93,7 @@ def _hit(sets: list[int], size: int) -> tuple[int, ...] | None:
 
 
 def _disjoint(sets: list[int]) -> int:
-    """How many sets have nothing in common, greedily: no fewer positions hit them all."""
+    """Return the number of greedily chosen disjoint sets, a lower bound of the positions that hit them all."""
     covered = n = 0
     for one in sorted(sets, key=int.bit_count):
         if not one & covered:

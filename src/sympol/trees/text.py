@@ -1,4 +1,4 @@
-"""Trees as text: a listing that follows the tree, and one sentence a leaf.
+"""Trees as text: an indented listing, and one sentence for each leaf.
 
 ``≤`` is the tree's own comparison of float32 numbers, and ``>`` is its opposite: where an observation is NaN,
 the answer is no. A split between the 0 and the 1 of a feature that is one-hot with others reads as what the 1
@@ -11,17 +11,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
+import numpy as np
+
 from .base import BaseTree
-from .floats import number, printable
+from .boxes import Boxes
+from .floats import next_below, number, printable
 from .groups import Group
 
 MOST_CHARACTERS = 100_000_000
-"""In a listing, or in all sentences of a tree; lines of a chain some 5,000 deep have as many."""
+"""Most characters in a listing or in all sentences of a tree; a chain of depth 5,000 has as many."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What an inner node asks, and the children that yes and no lead to."""
+    """The question of an inner node, and the children that yes and no lead to."""
 
     words: str
     yes_child: int
@@ -29,7 +32,7 @@ class Question:
 
 
 def question(tree: BaseTree, node: int, digits: int | None = None) -> Question:
-    """Put an inner node as a question, for everyone who writes or draws trees."""
+    """Return the question of an inner node, with ``digits`` significant digits."""
     left, right = int(tree.children_left[node]), int(tree.children_right[node])
     feature = int(tree.feature[node])
     if (group := asked_group(tree, node)) is not None:
@@ -44,7 +47,7 @@ def asked_group(tree: BaseTree, node: int) -> Group | None:
 
 
 def to_text(tree: BaseTree, *, digits: int | None = None) -> str:
-    """Write the tree as a listing, an answer a line, with the share of visits where they are known.
+    """Write the tree as an indented listing, with the share of visits at each leaf where they are known.
 
     Thresholds are written in the fewest digits that give the same float32 back, or in ``digits`` significant
     ones. The text has no line break at its end.
@@ -70,7 +73,7 @@ def to_text(tree: BaseTree, *, digits: int | None = None) -> str:
 
 
 def rules(tree: BaseTree, *, digits: int | None = None) -> list[str]:
-    """Write one sentence a leaf, in the order of the listing.
+    """Write one sentence for each leaf, in the order of the listing.
 
     Several conditions on a feature become one interval, several on a group become one phrase.
 
@@ -81,7 +84,7 @@ def rules(tree: BaseTree, *, digits: int | None = None) -> list[str]:
 
 
 def checked_lines(lines: Iterable[str]) -> list[str]:
-    """Return the lines in which something is written of a tree, if they are not too long to be kept.
+    """Return lines of text about a tree, unless they are too long to hold in memory.
 
     A tree that is one long chain has lines as long as it is deep, all together in proportion to its size squared.
 
@@ -107,16 +110,16 @@ def _counted(length: int, line: str) -> int:
 
 
 def leaf_conditions(tree: BaseTree) -> Iterator[tuple[int, Conditions]]:
-    """Go through the leaves, in the order of the listing, with what the way to each tells.
+    """Yield each leaf with the conditions on the path to it, in the order of the listing.
 
-    What is yielded is changed afterwards: copy what has to be kept.
+    The yielded conditions change with the next leaf: copy what must stay.
     """
     known: Conditions = {}
     # a node, and what the question above it tells of what; without a node, what was known of it before
     awaited: list[tuple[int | None, int | Group, Interval | Choice | None]] = []
 
     def enter(node: int) -> Iterator[int]:
-        """Yield the node if it is a leaf, and have its children awaited if it is none."""
+        """Yield the node if it is a leaf, else schedule its children."""
         if tree.is_leaf[node]:
             yield node
             return
@@ -143,7 +146,7 @@ def leaf_conditions(tree: BaseTree) -> Iterator[tuple[int, Conditions]]:
 
 
 def rule_words(tree: BaseTree, leaf: int, known: Conditions, digits: int | None = None) -> str:
-    """Write a leaf's sentence, with what the way to it tells."""
+    """Write the sentence of a leaf from the conditions on its path."""
     conditions = " and ".join(condition.words(digits) for condition in known.values())
     share = visit_share(tree, leaf)
     answer = node_words(tree, leaf, digits) + (f" ({share})" if share else "")
@@ -151,19 +154,19 @@ def rule_words(tree: BaseTree, leaf: int, known: Conditions, digits: int | None 
 
 
 def node_words(tree: BaseTree, node: int, digits: int | None = None) -> str:
-    """Say what an inner node asks, or what a leaf does."""
+    """Return the question of an inner node, or the action of a leaf."""
     if tree.is_leaf[node]:
         return ", ".join(leaf_words(tree, node, digits))
     return question(tree, node, digits).words
 
 
 def leaf_words(tree: BaseTree, leaf: int, digits: int | None = None) -> tuple[str, ...]:
-    """Say what a leaf does, component by component."""
+    """Describe the action of a leaf, component by component."""
     return tree.actions.words(tree.leaf_actions[leaf], digits)
 
 
 def visit_share(tree: BaseTree, leaf: int) -> str:
-    """Say how large a part of the visits ended at a leaf: ``62 %``; nothing where that is unknown."""
+    """Return the share of visits that reached a leaf, such as ``62 %``; empty if unknown."""
     visits = tree.n_node_samples
     if visits is None or visits[0] == 0 or not tree.is_leaf[leaf]:
         return ""
@@ -175,20 +178,20 @@ def visit_share(tree: BaseTree, leaf: int) -> str:
 
 @dataclass(frozen=True)
 class Interval:
-    """What the way to a leaf tells of a feature: more than ``above`` and at most ``most``, None where unknown."""
+    """The condition of a path on a feature: greater than ``above`` and at most ``most``, None for no limit."""
 
     name: str
     above: float | None = None
     most: float | None = None
 
     def told(self, feature: int, threshold: float, *, yes: bool) -> Interval:
-        """Know the answer to one more question, too."""
+        """Return the condition after one more answer."""
         if yes:
             return replace(self, most=threshold if self.most is None else min(self.most, threshold))
         return replace(self, above=threshold if self.above is None else max(self.above, threshold))
 
     def words(self, digits: int | None = None) -> str:
-        """Say it: ``0 < x ≤ 1``."""
+        """Return the condition as text: ``0 < x ≤ 1``."""
         name = printable(self.name)
         if self.above is None:
             return f"{name} ≤ {number(self.most or 0.0, digits)}"
@@ -199,14 +202,14 @@ class Interval:
 
 @dataclass(frozen=True)
 class Choice:
-    """What the way to a leaf tells of a group: the features that were said to be 1, and to be 0."""
+    """The condition of a path on a group: the features that must be 1, and those that must be 0."""
 
     group: Group
     is_one: tuple[int, ...] = ()
     is_zero: tuple[int, ...] = ()
 
     def told(self, feature: int, threshold: float, *, yes: bool) -> Choice:
-        """Know the answer to one more question, too."""
+        """Return the condition after one more answer."""
         if feature in (self.is_one if yes else self.is_zero):
             return self
         return (
@@ -216,7 +219,7 @@ class Choice:
         )
 
     def words(self, digits: int | None = None) -> str:
-        """Say it: ``front is neither lava nor wall``."""
+        """Return the condition as text: ``front is neither lava nor wall``."""
         left = [feature for feature in self.group.features if feature not in self.is_zero]
         if not self.is_one and len(left) != 1:
             return self.group.words_without(self.is_zero)
@@ -229,4 +232,42 @@ class Choice:
 
 
 Conditions: TypeAlias = dict[int | Group, Interval | Choice]
-"""What is known of features, by their positions, and of groups."""
+"""Conditions on features, by position, and on groups."""
+
+
+def format_region(tree: BaseTree, box: Boxes, space: Boxes) -> str:
+    """Describe one box, such as ``0.1 < pole angle ≤ 0.2 and front is lava``; empty if it is the whole space.
+
+    Args:
+        tree: The tree whose features, groups and whole numbers are meant.
+        box: One box, not empty.
+        space: One box that contains it.
+
+    Returns:
+        The conditions that hold in the box and not in all of the space.
+    """
+    phrases: list[tuple[int, str]] = []
+    narrower = (box.low[0] > space.low[0]) | (box.high[0] < space.high[0])
+    for feature in np.flatnonzero(narrower).tolist():
+        if feature not in tree.group_of:
+            phrases.append((feature, _interval(tree, feature, box, space).words()))
+    for group in tree.groups:
+        gone = [f for f in group.features if box.high[0, f] < 1 <= space.high[0, f]]
+        if gone:
+            left = [f for f in group.features if box.high[0, f] >= 1]
+            known = (
+                Choice(group, is_one=tuple(left)) if len(left) == 1 else Choice(group, is_zero=tuple(gone))
+            )
+            phrases.append((min(group.features), known.words()))
+    return " and ".join(words for _, words in sorted(phrases))
+
+
+def _interval(tree: BaseTree, feature: int, box: Boxes, space: Boxes) -> Interval:
+    low, high = box.low[0, feature], box.high[0, feature]
+    whole = feature in tree.integers
+    below = float(low) - 1 if whole else float(next_below(low))
+    return Interval(
+        tree.feature_names[feature],
+        above=below if low > space.low[0, feature] else None,
+        most=float(high) if high < space.high[0, feature] else None,
+    )

@@ -49,14 +49,13 @@ class DecisionTree(BaseTree):
                 acts the same on these and may act differently on others.
 
         Returns:
-            The pruned tree. See `sympol.trees.prune` and `sympol.trees.prune_on` for what is removed.
+            The pruned tree. See `sympol.trees.prune` for what is removed.
 
         Raises:
             ValueError: If ``observations`` are none, have another shape, or a group is not one-hot in them.
             TypeError: If ``observations`` are not numbers.
         """
-        from .prune import prune
-        from .prune_on import prune_on
+        from .prune import prune, prune_on
 
         small = prune(self, bounds=bounds, merge=merge)
         return small if observations is None else prune_on(small, observations, merge=merge)

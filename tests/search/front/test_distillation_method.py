@@ -38,7 +38,7 @@ def balanced(n: int, threshold: float = 0.0) -> DecisionTree:
     )
     values = np.eye(2)[np.arange(2**depth) % 2]
     return DecisionTree.from_complete(
-        features, np.asarray(thresholds), values, actions=SPEC.actions, **SPEC.features.reading()
+        features, np.asarray(thresholds), values, actions=SPEC.actions, **SPEC.features.metadata()
     )
 
 

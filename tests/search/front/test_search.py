@@ -154,7 +154,7 @@ def test_two_searches_do_not_share_a_folder(tmp_path):
 def test_what_a_road_found_is_kept_to_the_bit(tmp_path):
     tree = DecisionTree.from_complete(
         np.array([2]), np.array([0.1]), np.array([[1.0, 0.0], [0.0, 1.0]]),
-        actions=SPEC.actions, **SPEC.features.reading(),
+        actions=SPEC.actions, **SPEC.features.metadata(),
     )  # fmt: skip
     found = [Found(tree, "scratch", Spent(3, 4, 5, 6.5))]
     keep(tmp_path, found, finished=False)

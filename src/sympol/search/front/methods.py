@@ -125,4 +125,4 @@ def _evolve(site: Site) -> None:
 def _indifferent(spec: EnvSpec) -> DecisionTree:
     """One leaf, for evolution to begin with."""
     none = np.zeros(0, int), np.zeros(0), np.zeros((1, spec.actions.n_outputs))
-    return DecisionTree.from_complete(*none, actions=spec.actions, **spec.features.reading())
+    return DecisionTree.from_complete(*none, actions=spec.actions, **spec.features.metadata())

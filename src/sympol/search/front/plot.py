@@ -15,9 +15,9 @@ import numpy as np
 
 from ...results.number_format import given, number
 from ...results.style import PANEL, Look, legend_below, save, styled
-from ...runs.progress import decimals
+from ...runs.formatting import decimals
 from ...trees.plot import arrange, draw
-from ...trees.plot_page import check_file
+from ...trees.plot_style import check_file
 from .aggregate import require_one_task, sizes_of, summarise
 from .front import Front, Point
 from .labels import Label, place_labels

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ...results.number_format import count, number
 from ...results.table_formats import in_markdown, pipe_table
-from ...runs.progress import decimals
+from ...runs.formatting import decimals
 from .files import place
 from .front import Front, Point, Spent
 

@@ -103,6 +103,9 @@ def to_c(tree: BaseTree, *, style: str = "ifs", name: str = "policy") -> str:
         style: ``"ifs"``, or ``"table"``: constant arrays and a loop.
         name: What names in the file begin with.
 
+    Returns:
+        The text of the file.
+
     Raises:
         ValueError: if style or name are none, or an action has no number in C.
     """
@@ -126,7 +129,15 @@ def to_c(tree: BaseTree, *, style: str = "ifs", name: str = "policy") -> str:
 
 
 def to_c_header(tree: BaseTree, *, name: str = "policy") -> str:
-    """Write the header of what `to_c` writes under this name, for C and for C++."""
+    """Write the header of the file that `to_c` writes under this name, for C and C++.
+
+    Args:
+        tree: The tree to write.
+        name: The prefix of names in the file.
+
+    Returns:
+        The text of the file.
+    """
     guard = f"{check_name(name).upper()}_H"
     prototypes = _prototypes(tree, answers(tree), name)
     return (

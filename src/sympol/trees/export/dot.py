@@ -18,9 +18,16 @@ digraph tree {
 
 
 def to_dot(tree: BaseTree, *, digits: int | None = None) -> str:
-    """Write the graph, yes to the left of no; what a leaf does has round corners, with the share of visits.
+    """Write a graph with yes to the left of no; leaves have round corners and their share of visits.
 
     Thresholds are written as by `sympol.trees.text`, in ``digits`` significant digits.
+
+    Args:
+        tree: The tree to write.
+        digits: Significant digits of thresholds; as many as needed by default.
+
+    Returns:
+        The text of the graph.
     """
     lines = [_HEADER]
     for node in range(tree.n_nodes):

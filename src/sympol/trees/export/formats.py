@@ -58,6 +58,9 @@ class Format:
             tree: The tree.
             options: Some of `options`.
 
+        Returns:
+            The text, or the bytes if the format is binary.
+
         Raises:
             ImportError: If a library is missing; the message says how to install it.
             ValueError: If the format cannot hold the tree, or an option has another value.
@@ -67,7 +70,17 @@ class Format:
     def run(
         self, tree: BaseTree, x: Float32[np.ndarray, "batch features"], rounds: int, **options: Any
     ) -> Run:
-        """Write a tree and run what was written on observations: see `sympol.trees.export.check.run`."""
+        """Write a tree and run what was written on observations: see `sympol.trees.export.check.run`.
+
+        Args:
+            tree: The tree.
+            x: Observations, ``[batch, features]``.
+            rounds: How often they are answered, for timing.
+            options: Options of the format; see ``options``.
+
+        Returns:
+            The answers, and how long they took.
+        """
         return _function(self.runner)(tree, x, rounds, **options)
 
 
@@ -110,6 +123,12 @@ def canonical(name: str) -> str:
 
 def format_of(name: str) -> Format:
     """Return the format of a name, or of a suffix without its dot.
+
+    Args:
+        name: The name or suffix.
+
+    Returns:
+        The format.
 
     Raises:
         ValueError: If there is none; the message lists all names.

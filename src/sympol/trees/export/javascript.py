@@ -89,6 +89,9 @@ def to_javascript(tree: BaseTree, *, style: str = "ifs") -> str:
         tree: What is written.
         style: ``"ifs"``, or ``"table"``: typed arrays and a loop.
 
+    Returns:
+        The text of the module.
+
     Raises:
         ValueError: if the style is none, or an action has no number in JavaScript.
     """

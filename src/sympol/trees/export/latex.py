@@ -38,10 +38,17 @@ _LATIN = range(0xC0, 0x180)  # letters with accents, which LaTeX knows by itself
 
 
 def to_latex(tree: BaseTree, *, digits: int | None = None) -> str:
-    """Write the picture, yes to the left of no; what a leaf does has round corners, with the share of visits.
+    """Write a picture with yes to the left of no; leaves have round corners and their share of visits.
 
     Thresholds are written as by `sympol.trees.text`, in ``digits`` significant digits. forest takes its time over
     more than a few hundred nodes, and TeX's memory ends before a chain of thousands.
+
+    Args:
+        tree: The tree to write.
+        digits: Significant digits of thresholds; as many as needed by default.
+
+    Returns:
+        The text of the picture.
     """
     lines = [_HEADER]
     awaited: list[tuple[int, str] | None] = [(0, "")]  # None: a bracket that closes

@@ -20,10 +20,17 @@ _LINKS = re.compile(r"(?<=[A-Za-z]):(?=/)|(?<=[Ww]{3})\.")
 
 
 def to_markdown(tree: BaseTree, *, digits: int | None = None) -> str:
-    """Write the table, a leaf a row, in the order of `DecisionTree.rules`.
+    """Write a table with one row for each leaf, in the order of `DecisionTree.rules`.
 
     Visits are there where they are known. Thresholds are written as by `sympol.trees.text`, in ``digits``
     significant digits. A condition that has to hold beside another is joined to it by "and".
+
+    Args:
+        tree: The tree to write.
+        digits: Significant digits of thresholds; as many as needed by default.
+
+    Returns:
+        The text of the table.
 
     Raises:
         ValueError: if it would have more characters than `sympol.trees.text` writes.

@@ -16,9 +16,16 @@ _SPECIAL = re.compile(r"(?![.-][0-9])[^\w ,()≤]|_")
 
 
 def to_mermaid(tree: BaseTree, *, digits: int | None = None) -> str:
-    """Write the flowchart, yes to the left of no; what a leaf does has round corners, with the share of visits.
+    """Write a flowchart with yes to the left of no; leaves have round corners and their share of visits.
 
     Thresholds are written as by `sympol.trees.text`, in ``digits`` significant digits.
+
+    Args:
+        tree: The tree to write.
+        digits: Significant digits of thresholds; as many as needed by default.
+
+    Returns:
+        The text of the flowchart.
     """
     lines = ["flowchart TD"]
     for node in range(tree.n_nodes):

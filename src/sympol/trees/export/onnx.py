@@ -33,6 +33,9 @@ def to_onnx(tree: BaseTree, *, name: str = "policy") -> bytes:
         tree: What is written.
         name: Of the graph.
 
+    Returns:
+        The model, serialized.
+
     Raises:
         ImportError: if onnx is not installed.
         ValueError: if the name is none, or an action is not finite or beyond 2^53.

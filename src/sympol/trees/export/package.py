@@ -125,9 +125,16 @@ act({observation})  # {action}
 
 
 def to_package(tree: BaseTree, name: str) -> dict[str, str]:
-    """Write the files of a package: their paths, relative to its folder, and what is in them.
+    """Write the files of a package that pip can install.
 
     ``name`` is what it is imported as; ``from name import act``.
+
+    Args:
+        tree: The tree to write.
+        name: The name of the package, as in ``from name import act``.
+
+    Returns:
+        The text of each file by its path, relative to the package's folder.
 
     Raises:
         ValueError: if the name is not one that Python imports, or is one of Python's own modules.

@@ -88,7 +88,7 @@ _TAKEN = {*dir(builtins), *keyword.kwlist, "act", "observation", "array", "see",
 
 
 def to_python(tree: BaseTree) -> str:
-    """Write the program. It acts as `DecisionTree.predict` does on every observation, to the bit.
+    """Write a program that acts as `DecisionTree.predict` does on every observation, to the bit.
 
     An action is an int where actions are discrete, a tuple of ints for several components, and a flat list of
     floats, in C order, where they are continuous. As the tree does, it raises ValueError, naming the
@@ -96,6 +96,12 @@ def to_python(tree: BaseTree) -> str:
 
     An observation is any sequence of floats, integers up to 2^53, or NumPy's float32 and float64 (not float16). Where
     there are no groups the numbers are unpacked, and never rounded: the thresholds are `double_threshold`.
+
+    Args:
+        tree: The tree to write.
+
+    Returns:
+        The text of the module.
     """
     choices = _distinct(group.name or "choice" for group in tree.groups)
     labelled = {

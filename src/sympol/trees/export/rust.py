@@ -64,6 +64,12 @@ def to_rust(tree: BaseTree) -> str:
     for several components, and ``-> [f32; M]``, clipped, in C order, where they are continuous. Where there are
     one-hot groups, ``pub fn is_valid(x: &[f32; N]) -> bool`` says whether the tree accepts x.
 
+    Args:
+        tree: The tree to write.
+
+    Returns:
+        The text of the file.
+
     Raises:
         ValueError: if an action has no number in Rust.
     """

@@ -32,6 +32,9 @@ def to_sklearn(tree: BaseTree, *, names: bool = True) -> DecisionTreeClassifier 
         names: Whether the estimator has the features' names, where they have any but ``x[0]``, ``x[1]``, …. If so,
             scikit-learn warns when it is given observations without names, as arrays are.
 
+    Returns:
+        A fitted classifier or regressor.
+
     Raises:
         ImportError: if scikit-learn is not installed.
     """

@@ -62,6 +62,9 @@ def to_sql(
         table: The table's name, as it is; it is quoted here.
         columns: Its column for each feature; by default `column_names`.
 
+    Returns:
+        The text of the query.
+
     Raises:
         ValueError: if there is no such style, an action has no number, or a name cannot be one.
     """

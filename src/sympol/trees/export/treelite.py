@@ -25,6 +25,12 @@ def to_treelite(tree: BaseTree) -> bytes:
     clipped action, flat in C order; a zero has no sign. Observations must be float32. It answers also where a group
     of features is not one-hot, which the tree refuses.
 
+    Args:
+        tree: The tree to write.
+
+    Returns:
+        The model, serialized.
+
     Raises:
         ImportError: if treelite is not installed.
         ValueError: if an action is not finite, or a whole number beyond 2^24.

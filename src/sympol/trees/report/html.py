@@ -1,14 +1,19 @@
-"""The page of a tree alone: what there is to know without the run that made it."""
+"""The web page of a tree without the run that made it, and the programs it shows."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from ..base import BaseTree
+from ..export import FORMATS
 from ..floats import printable
 from .page import write_page
 from .policy import policy_data
-from .programs import programs_data
+
+LARGEST = 60_000
+"""Most characters of one program; longer ones are exported instead of copied from a page."""
+LARGEST_SUM = 120_000
+"""Most characters of all programs together, so that they do not dominate the page."""
 
 
 def to_html(tree: BaseTree) -> str:
@@ -38,5 +43,26 @@ def to_html(tree: BaseTree) -> str:
 
 
 def size_facts(tree: BaseTree) -> list[list[Any]]:
-    """Say how large a tree is, as the head of a page does."""
+    """Return the size of a tree as pairs of number and unit for the head of a page."""
     return [[f"{tree.n_nodes:,}", "nodes"], [f"{tree.n_leaves:,}", "leaves"], [f"{tree.depth:,}", "depth"]]
+
+
+def programs_data(tree: BaseTree) -> list[dict[str, str]]:
+    """Write the tree in each format that is text; what is too long, or does not fit this tree, is left out."""
+    programs: list[dict[str, str]] = []
+    room = LARGEST_SUM
+    for name, form in FORMATS.items():
+        if form.binary:
+            continue
+        try:
+            text = form.write(tree)
+        except (
+            ImportError,
+            ValueError,
+            TypeError,
+        ):  # a library that is lacking, or a tree it has no form for
+            continue
+        if isinstance(text, str) and len(text) <= min(LARGEST, room):
+            programs.append({"name": name, "title": form.title, "suffix": form.suffix, "text": text})
+            room -= len(text)
+    return programs

@@ -19,7 +19,7 @@ from typing import Any, Literal, TypeAlias
 from ..floats import printable
 
 Kind: TypeAlias = Literal["report", "compare"]
-"""Of pages: each is a script of this name that builds it."""
+"""The kind of a page, which is the name of the script that builds it."""
 
 _STYLES = ("page.css", "tree.css", "panels.css")
 _SCRIPTS = (

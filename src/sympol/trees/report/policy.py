@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..text import Conditions
 
 DIGITS = 4
-"""Of thresholds in the picture; sentences and programs have them exactly."""
+"""Significant digits of thresholds in the picture; sentences and programs have them exactly."""
 MOST_NODES, MOST_FEATURES = 5000, 2000
 _MOST_OF_A_SCALE = 7
 
@@ -108,7 +108,7 @@ def _leaf(
 
 
 def _condition(about: Any, condition: Any) -> dict[str, Any]:
-    """Say one condition of a region; of a number with its ends, which are drawn."""
+    """Describe one condition of a region; an interval comes with its ends, which are drawn."""
     if isinstance(condition, Choice):
         return {"words": condition.words()}
     above, most = (None if end is None else shortest(end) for end in (condition.above, condition.most))
@@ -116,7 +116,7 @@ def _condition(about: Any, condition: Any) -> dict[str, Any]:
 
 
 def _answer(tree: BaseTree, leaf: int, colours: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Describe what a leaf answers, component by component: chances of options, or a number in its range."""
+    """Describe the action of a leaf, component by component: probabilities of options, or a number in its range."""
     actions, value = tree.actions, tree.leaf_outputs[leaf : leaf + 1]
     if isinstance(actions, BoxActions):
         return _numbers(actions, np.ravel(actions.decide(value)), colours)
@@ -156,7 +156,7 @@ def _numbers(
 
 
 def _legend(tree: BaseTree, colours: list[tuple[str, ...]]) -> list[dict[str, Any]]:
-    """Say which colour is which action; of continuous ones, some from the least to the largest."""
+    """Return the colour of each action; for continuous ones a scale from the least to the largest."""
     actions = tree.actions
     if isinstance(actions, BoxActions):
         decided = tree.leaf_actions.reshape(tree.n_nodes, -1)

@@ -15,8 +15,7 @@ import numpy as np
 from ..actions import BoxActions, DiscreteActions, MultiDiscreteActions
 from ..base import BaseTree
 from ..boxes import Boxes, space
-from ..floats import printable
-from ..simplest_float import readable
+from ..floats import printable, simplest_float
 from .conditions import (
     Condition,
     Propagated,
@@ -133,9 +132,9 @@ def _violating_pair(
     boxes, feature = parts.boxes, claim.feature
     x = _common(boxes, feature, np.array([i]), np.array([j])).some_observation()
     low, high = boxes.low[:, feature], boxes.high[:, feature]
-    x[feature] = readable(float(low[i]), float(min(high[i], high[j])))
+    x[feature] = simplest_float(float(low[i]), float(min(high[i], high[j])))
     y = x.copy()
-    y[feature] = readable(float(max(low[j], x[feature])), float(high[j]))
+    y[feature] = simplest_float(float(max(low[j], x[feature])), float(high[j]))
     return leaves, [x, y]
 
 
@@ -198,6 +197,9 @@ def equal(tree: BaseTree, other: BaseTree, *, within_bounds: bool = True) -> Ver
         tree: A policy.
         other: A policy with the same features and actions.
         within_bounds: Whether only observations within the bounds of the spaces count.
+
+    Returns:
+        Whether they are equal, with a counterexample if they are not.
 
     Raises:
         ValueError: If the trees have different features, groups or actions.

@@ -11,7 +11,7 @@ import numpy as np
 from ..actions import BoxActions
 from ..base import BaseTree
 from ..boxes import Boxes, leaf_boxes, space
-from ..format_region import region_words
+from ..text import format_region
 from .conditions import ALWAYS, boxes_of, leaf_actions, propagate
 from .grammar import parse_condition
 
@@ -116,4 +116,4 @@ def _hull_words(tree: BaseTree, boxes: Boxes, start: Boxes) -> str:
         high=boxes.high.max(axis=0, keepdims=True),
         nan=boxes.nan.any(axis=0, keepdims=True),
     )
-    return region_words(tree, hull, start)
+    return format_region(tree, hull, start)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sympol.trees import DecisionTree, DiscreteActions
-from sympol.trees.override import force
+from sympol.trees.override import override
 
 from .samples import (
     ACTIONS,
@@ -56,7 +56,7 @@ def test_the_rule_holds_where_it_should_and_the_tree_elsewhere(condition: str):
                 [edges, np.nextafter(edges, np.float32(9)), np.nextafter(edges, np.float32(-9))]
             )
             x = np.where(rng.random(x.shape) < 0.5, x, rng.choice(edges, x.shape)).astype(np.float32)
-            edited, nodes = force(tree, condition, ANSWERS[kind])
+            edited, nodes = override(tree, condition, ANSWERS[kind])
             here = CONDITIONS[condition](flush(x))
             expected = tree.predict(x)
             expected[here] = edited.actions.decide(edited.value[[max(nodes)]])[0]
@@ -103,7 +103,7 @@ def test_rules_may_be_about_groups(condition: str):
         for seed in range(6):
             tree = random_grouped_tree(np.random.default_rng(seed), ACTIONS[kind], depth=3)
             x = consistent(tree, every_cell(tree, nan=True))
-            edited, nodes = force(tree, condition, ANSWERS[kind])
+            edited, nodes = override(tree, condition, ANSWERS[kind])
             here = GROUPED[condition](x, [group.features for group in tree.groups])
             expected = tree.predict(x)
             expected[here] = edited.actions.decide(edited.value[[max(nodes)]])[0]
@@ -113,7 +113,7 @@ def test_rules_may_be_about_groups(condition: str):
 
 def test_whole_numbers_are_compared_as_they_are_written(cartpole):
     tree = replace(cartpole, integers=(1,))
-    edited, nodes = force(tree, "cart velocity > 3", "push left")
+    edited, nodes = override(tree, "cart velocity > 3", "push left")
     assert (edited.feature[0], edited.threshold[0]) == (1, 3)
     assert nodes == (0, edited.n_nodes - 1)
     x = np.zeros((4, 4), np.float32)
@@ -122,7 +122,7 @@ def test_whole_numbers_are_compared_as_they_are_written(cartpole):
         edited.predict(x) == 0, [cartpole.predict(x[0]) == 0, True, tree.predict(x[2]) == 0, True]
     )
     with pytest.raises(ValueError, match="no observation meets"):
-        force(tree, "0.2 < cart velocity < 0.8", "push left")
+        override(tree, "0.2 < cart velocity < 0.8", "push left")
 
 
 def test_what_the_rule_decides_is_not_asked_again():
@@ -131,19 +131,19 @@ def test_what_the_rule_decides_is_not_asked_again():
         actions=DiscreteActions(2, ("a", "b")),
         feature_names=["x", "y"],
     )
-    edited, nodes = force(tree, "x > 2", "b")
+    edited, nodes = override(tree, "x > 2", "b")
     assert edited.to_text() == (
         "x ≤ 2\n├─ yes: x ≤ 1\n│  ├─ yes: y ≤ 0\n│  │  ├─ yes: a\n│  │  └─ no:  b\n│  └─ no:  a\n└─ no:  b"
     )
     assert nodes == (0, 6)
-    everything, nodes = force(tree, "x <= 0 or x > 0", "b")
+    everything, nodes = override(tree, "x <= 0 or x > 0", "b")
     assert set(everything.predict(np.random.default_rng(0).normal(size=(50, 2)))) == {1}
 
 
 def test_a_forced_rule_is_proven(cartpole):
     rule = "when pole angle > 0.1 and pole angular velocity > 0.5 then action is push left"
     assert not cartpole.verify(rule)[0].holds
-    edited, _ = force(cartpole, "pole angle > 0.1 and pole angular velocity > 0.5", "push left")
+    edited, _ = override(cartpole, "pole angle > 0.1 and pole angular velocity > 0.5", "push left")
     assert edited.verify(rule)[0].holds
 
 
@@ -162,17 +162,17 @@ def test_a_forced_rule_is_proven(cartpole):
                 for name in ("pole angle", "cart position", "cart velocity")
             ),
             0,
-            "the condition asks more than 500 questions; force simpler ones",
+            "the condition asks more than 500 questions; split it",
         ),
     ],
 )
 def test_what_cannot_be_forced_is_said(cartpole, condition: str, action: Any, message: str):
     with pytest.raises(ValueError, match=message):
-        force(cartpole, condition, action)
+        override(cartpole, condition, action)
 
 
 def test_many_cases_of_one_feature_are_no_more_than_they_are(cartpole):
-    edited, nodes = force(cartpole, " or ".join(f"cart velocity = {i}" for i in range(60)), "push left")
+    edited, nodes = override(cartpole, " or ".join(f"cart velocity = {i}" for i in range(60)), "push left")
     x = np.zeros((240, 4))
     x[:, 1] = np.arange(240) / 4
     np.testing.assert_array_equal(edited.predict(x), np.where(np.arange(240) % 4, cartpole.predict(x), 0))

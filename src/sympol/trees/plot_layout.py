@@ -1,15 +1,89 @@
-"""Where the nodes of a drawn tree go: a tidy tree, as narrow as labels of different sizes allow."""
+"""The layout of a drawn tree: tidy, as narrow as labels of different sizes allow, downward or to the right."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from .base import BaseTree
+from .plot_boxes import Pen
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
+
+# inches, on paper
+_PAGE = (10.0, 7.0)
+_MARGIN = 0.15
+
+
+class Drawable(Protocol):
+    """The box of a node."""
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, in inches."""
+        ...
+
+    def draw(self, pen: Pen, centre: Float[np.ndarray, " 2"]) -> None:
+        """Draw the box around its centre."""
+        ...
+
+
+Boxes = TypeVar("Boxes", bound=Sequence[Drawable])
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The centres and sizes of all boxes, [nodes, 2], in inches from the upper left corner."""
+
+    centre: Float[np.ndarray, "nodes 2"]
+    size: Float[np.ndarray, "nodes 2"]
+    downward: bool
+
+    @property
+    def extent(self) -> Float[np.ndarray, " 2"]:
+        """Width and height of the picture."""
+        return (self.centre + self.size / 2).max(axis=0) + _MARGIN
+
+
+def lay_out(
+    tree: BaseTree,
+    boxes_when: Callable[[bool], Boxes],
+    yes_is_right: Bool[np.ndarray, " nodes"] | None = None,
+) -> tuple[Layout, Boxes]:
+    """Lay boxes out downward if that is readable on a page, else to the right if that is better.
+
+    ``boxes_when`` makes a box for every node, told whether the tree grows downward.
+    """
+    downward, down_boxes = _one_way(tree, boxes_when, yes_is_right, downward=True)
+    rightward, right_boxes = _one_way(tree, boxes_when, yes_is_right, downward=False)
+
+    def scale_on_page(layout: Layout) -> float:
+        return min(1.0, float(np.min(np.sort(_PAGE) / np.sort(layout.extent))))
+
+    if scale_on_page(downward) >= min(0.8, scale_on_page(rightward)):
+        return downward, down_boxes
+    return rightward, right_boxes
+
+
+def _one_way(
+    tree: BaseTree,
+    boxes_when: Callable[[bool], Boxes],
+    yes_is_right: Bool[np.ndarray, " nodes"] | None,
+    *,
+    downward: bool,
+) -> tuple[Layout, Boxes]:
+    boxes = boxes_when(downward)
+    size = np.array([box.size for box in boxes])
+    width, height = size.T
+    if downward:
+        x, y = tidy(tree, width, 0.12, yes_is_right), levels(tree, height, gap=0.45)
+    else:
+        x, y = levels(tree, width, gap=0.55), tidy(tree, height, 0.07, yes_is_right)
+    return Layout(np.stack([x, y], axis=1) + _MARGIN, size, downward), boxes
 
 
 def tidy(

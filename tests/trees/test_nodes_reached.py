@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sympol.trees import DecisionTree
-from sympol.trees.coverage import nodes_met
+from sympol.trees.override import nodes_reached_by
 
 from .samples import ACTIONS, consistent, random_grouped_tree, random_tree
 
@@ -41,7 +41,7 @@ def test_exactly_the_nodes_that_meet_it(seed):
             f"x[0] <= {a} or x[1] <= {b}": (x[:, 0] <= a) | (x[:, 1] <= b),
         }.items():
             met = tree.decision_path(x[holds]).any(axis=0)
-            assert nodes_met(tree, condition) == tuple(np.flatnonzero(met)), condition
+            assert nodes_reached_by(tree, condition) == tuple(np.flatnonzero(met)), condition
             some += 0 < met.sum() < tree.n_nodes
     assert some > 10
 
@@ -51,7 +51,7 @@ def test_a_category_rules_the_others_out():
     group, x = tree.groups[0], every_cell(tree)
     for feature, category in zip(group.features, group.categories, strict=True):
         met = tree.decision_path(x[x[:, feature] == 1]).any(axis=0)
-        assert nodes_met(tree, f"{group.name} is {category}") == tuple(np.flatnonzero(met))
+        assert nodes_reached_by(tree, f"{group.name} is {category}") == tuple(np.flatnonzero(met))
 
 
 @pytest.mark.parametrize(
@@ -65,4 +65,4 @@ def test_a_category_rules_the_others_out():
 )
 def test_a_condition_that_is_none_is_refused(condition, says):
     with pytest.raises(ValueError, match=says):
-        nodes_met(random_tree(np.random.default_rng(0), ACTIONS["discrete"]), condition)
+        nodes_reached_by(random_tree(np.random.default_rng(0), ACTIONS["discrete"]), condition)

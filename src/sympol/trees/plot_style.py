@@ -1,17 +1,32 @@
-"""Fonts for names in any script: beside the pictures' own one, those of this machine that have what it lacks."""
+"""The style of pictures: fonts for names in any script, and the files in which pictures are saved."""
 
 from __future__ import annotations
 
 import contextlib
+import io
 import warnings
 from collections.abc import Iterator
-from typing import Any
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from .. import files
 from .actions import MultiDiscreteActions
 from .base import BaseTree
 from .floats import printable
-from .plot_page import STYLE
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_METADATA: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
+STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "sympol",  # the same tree, the same file
+    "svg.fonttype": "path",
+    "pdf.fonttype": 42,
+    "font.family": "DejaVu Sans",
+    "text.usetex": False,
+    "path.sketch": None,
+}
 _NO_FONTS = ("Last Resort", ".LastResort")
 """What these begin with has a box for every character there is."""
 _MOST_NAMED = 8
@@ -54,7 +69,7 @@ def _characters(tree: BaseTree) -> set[str]:
 
 
 def _fonts_for(characters: set[str]) -> tuple[list[str], list[str]]:
-    """The families of fonts to look into, the pictures' own one first, and the characters that are in none."""
+    """Return font families that cover the characters, the default first, and the characters no font has."""
     from matplotlib import font_manager
 
     own = str(STYLE["font.family"])
@@ -78,3 +93,18 @@ def _fonts_for(characters: set[str]) -> tuple[list[str], list[str]]:
                 lacking -= font.get_charmap().keys()
                 fonts.append(family)
     return fonts, sorted(map(chr, lacking))
+
+
+def check_file(path: str | PathLike[str]) -> None:
+    """Raise ValueError unless the path ends in .svg, .pdf or .png."""
+    if Path(path).suffix.lower() not in _METADATA:
+        raise ValueError(f"a plot is saved as .svg, .pdf or .png, got {str(path)!r}")
+
+
+def save(figure: Figure, path: str | PathLike[str]) -> None:
+    """Save a figure; equal figures give equal bytes."""
+    dpi = min(200.0, 20_000 / max(figure.get_size_inches()))
+    path, drawn = Path(path), io.BytesIO()
+    suffix = path.suffix.lower()
+    figure.savefig(drawn, format=suffix[1:], dpi=dpi, metadata=_METADATA[suffix])
+    files.write(path, drawn.getvalue())

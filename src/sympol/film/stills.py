@@ -1,4 +1,4 @@
-"""Routes through grid worlds on paper: lines over maps, which look as the splits of a tree on a view do."""
+"""Episodes as still pictures: contact sheets of frames, and routes through grid worlds drawn over maps."""
 
 from __future__ import annotations
 
@@ -7,50 +7,91 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from ..trees.plot_boxes import FONT_SIZE, INK, LINE, PAPER, Pen
 from ..trees.plot_grid_view import LARGEST_CELL, glyph
-from ..trees.plot_page import STYLE
+from ..trees.plot_style import STYLE
+from .frame_layout import font
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_SHEET_GAP, _SHEET_FONT_SIZE = 10, 13  # pixels
 COLOURS, _DASHES = ("#CC2277", "#0060B0"), ((1.6, 0.8), ())
-"""Of the first route and of the second; the first is dashed, too, for whoever cannot tell the colours apart."""
+"""Style of the first and the second route; the first is also dashed, for readers who cannot tell the colours apart."""
 _APART = 0.26
-"""How far two routes are from each other where they go through the same cells."""
+"""Distance, in cells, between two routes through the same cells."""
 _TITLE, _LEGEND, _GAP = 0.26, 0.28, 0.12  # inches
 _SMALLEST = 0.75
-"""Words and ends of routes are not drawn smaller than this part of their size, however small the cells."""
+"""Texts and ends of routes are drawn at no less than this fraction of their size, however small the cells."""
 _SQUARE = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
 _DPI = 140
 
 
 class Route(NamedTuple):
-    """The cells gone through, (x, y) from the upper left corner, and whether the last one is where to arrive."""
+    """The cells of a route, (x, y) from the upper left corner, and whether the last one is the goal."""
 
     cells: Sequence[tuple[int, int]]
     arrives: bool
 
 
 class Map(NamedTuple):
-    """A world: what is in each cell, row by row, in MiniGrid's words; and at most two routes from one start."""
+    """A grid world: MiniGrid's name of the object in each cell, row by row, and at most two routes from one start."""
 
     rows: Sequence[Sequence[str]]
     routes: Sequence[Route]
     title: str = ""
 
 
+def contact_sheet(
+    frames: Sequence[Image.Image], words: Sequence[str], *, columns: int = 6, width: int = 168
+) -> Image.Image:
+    """Draw frames in rows, each with a line of text below.
+
+    Args:
+        frames: Pictures of one size.
+        words: A line for each frame.
+        columns: Number of frames in a row.
+        width: Width of a frame, in pixels.
+
+    Returns:
+        A picture of few colours, so that a PNG of it is small.
+
+    Raises:
+        ValueError: There are no frames, or not as many lines.
+    """
+    if not frames or len(frames) != len(words):
+        raise ValueError(f"there must be words for each frame, got {len(words)} for {len(frames)} frames")
+    height = round(width * frames[0].height / frames[0].width)
+    row_height = height + _SHEET_FONT_SIZE + 2 * _SHEET_GAP
+    columns = min(columns, len(frames))
+    size = columns * (width + _SHEET_GAP) + _SHEET_GAP, -(-len(frames) // columns) * row_height + _SHEET_GAP
+    picture = Image.new("RGB", size, PAPER)
+    draw = ImageDraw.Draw(picture)
+    for i, (frame, said) in enumerate(zip(frames, words, strict=True)):
+        x, y = _SHEET_GAP + i % columns * (width + _SHEET_GAP), _SHEET_GAP + i // columns * row_height
+        picture.paste(frame.resize((width, height), Image.Resampling.BOX), (x, y))
+        draw.text((x, y + height + _SHEET_GAP), said, INK, font(_SHEET_FONT_SIZE), anchor="lm")
+    return picture.quantize(64, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+
+
 def draw_routes(
     maps: Sequence[Map], *, columns: int = 3, cell: float = LARGEST_CELL, names: Sequence[str] = ()
 ) -> Image.Image:
-    """Draw maps of one size in rows of ``columns``, with cells of ``cell`` inches.
+    """Draw maps in rows. A route starts at a triangle and ends in a dot at the goal, elsewhere in a cross.
 
-    A route starts at a triangle and ends in a dot where it arrives, else in a cross. ``names`` of the first and
-    second routes are written below. The picture has few colours, so that a PNG of it is small.
+    Args:
+        maps: Maps of one size.
+        columns: Number of maps in a row.
+        cell: Size of a cell, in inches.
+        names: Names of the first and the second routes, written below.
 
-    Raises ValueError without maps, or for a map with more than two routes.
+    Returns:
+        A picture of few colours, so that a PNG of it is small.
+
+    Raises:
+        ValueError: There are no maps, or one has more than two routes.
     """
     if not maps or max(len(map_.routes) for map_ in maps) > len(COLOURS):
         raise ValueError("there must be maps, with at most two routes each")

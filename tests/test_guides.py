@@ -1,0 +1,67 @@
+"""The complete examples in the guides for newcomers run."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+import sympol
+from sympol.algorithms.registry import ALGORITHMS
+from sympol.trees import DecisionTree
+
+from .tiny import quick_compiles
+
+__all__ = ["quick_compiles"]
+
+GUIDES = Path(__file__).resolve().parents[1] / "docs" / "guides"
+
+
+@pytest.fixture(autouse=True)
+def promotion():
+    """Mix dtypes as users may; our own code must not."""
+    with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+def run_page(name: str) -> dict[str, Any]:
+    """Execute the Python of a page, one block after another, and return its names."""
+    text = (GUIDES / f"{name}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    names: dict[str, Any] = {"__name__": name}
+    exec(compile("\n".join(blocks), f"{name}.md", "exec"), names)
+    return names
+
+
+@pytest.mark.slow
+def test_an_environment_is_added_as_the_guide_says():
+    names = run_page("add-an-environment")
+    assert isinstance(names["agent"].tree(), DecisionTree)
+    graph = names["spec"].state_graph()
+    env, cells = names["KnownWalk"](), names["CELLS"]
+    for cell in range(cells - 1):
+        for action in (0, 1):
+            _, step = env.step(None, (np.int32(cell), np.int32(0)), np.int32(action))
+            after = graph.successor[cell, action]
+            assert bool(step.terminated) == bool(graph.reaches_goal[cell, action]) == (after < 0)
+            assert after < 0 or (graph.observations[graph.observation_of[after]] == step.observation).all()
+            if after < 0:
+                assert float(step.reward) == pytest.approx(float(graph.reward_at[1]))
+    assert (names["spec"].all_observations() == np.eye(cells)).all()
+    assert sympol.resolve("Walk-v0").env is not None
+
+
+@pytest.mark.slow
+def test_an_algorithm_is_added_as_the_guide_says():
+    pytest.importorskip("sympol.algorithms.on_policy")
+    try:
+        names = run_page("add-an-algorithm")
+    finally:
+        ALGORITHMS.pop("reinforce", None)
+    agent = names["agent"]
+    assert isinstance(agent.tree(), DecisionTree)
+    assert agent.num_timesteps >= 8_192
