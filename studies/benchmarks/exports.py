@@ -1,13 +1,13 @@
 """What a decision costs in each form a tree is exported to, side by side over a million visited observations.
 
-    python -m studies.benchmarks.exports [RUN] [--sb3 PYTHON]
+    python -m studies.benchmarks.exports [RUN] [--sb3]
 
 RUN holds a tree of CartPole-v1; without one, one is trained (about 20 s). The observations are those the tree meets
 in a million steps of Gymnasium's CartPole. In ten turns, so that a busy machine meets all, each form goes through a
 tenth of them, in rounds short enough that most are not interrupted; what takes microseconds a call through some
-hundreds. Every action is compared with the tree's. PYTHON is the interpreter of a virtual environment with stable-
-baselines3, whose untrained MLP of the usual size is asked one observation a call. Writes
-studies/results/exports.json and the table in docs/guides/exports.md.
+hundreds. Every action is compared with the tree's. With --sb3 stable-baselines3's untrained MLP of the
+usual size answers one observation a call, too. Writes studies/results/exports.json and the table in
+docs/guides/exports.md.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 from sympol.trees.export.check import run
 
+from .rivals.environment import interpreter
 from .timing import ROOT, write
 
 ENV = "CartPole-v1"
@@ -211,8 +212,9 @@ def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", nargs="?", type=Path)
-    parser.add_argument("--sb3", metavar="PYTHON")
+    parser.add_argument("--sb3", action="store_true", help="measure stable-baselines3 as well")
     given = parser.parse_args()
+    python = str(interpreter("sb3")) if given.sb3 else None
     if given.run is not None:
         tree = Run.open(given.run).load_tree()
     else:
@@ -220,7 +222,7 @@ def main() -> None:
     x = visited(tree)
     measured: dict[str, list[float]] = {}
     for turn in range(TURNS):
-        for name, measure in variants(tree, x[turn::TURNS], given.sb3).items():
+        for name, measure in variants(tree, x[turn::TURNS], python).items():
             measured.setdefault(name, []).extend(measure())
     table = Table("", "ns a decision", "least", "decisions a second")
     results = {}
@@ -232,8 +234,8 @@ def main() -> None:
     sizes = code_sizes(tree)
     Console().print(table, sizes)
     content = {"tree": tree_size, "observations": len(x), "decision": results, "code_bytes": sizes}
-    if given.sb3 is not None:
-        content["stable_baselines3"] = sb3(given.sb3, x[:10])["versions"]
+    if python is not None:
+        content["stable_baselines3"] = sb3(python, x[:10])["versions"]
     path = write("exports", content)
     put_in_page(json.loads(path.read_text(encoding="utf-8")), ROOT / "docs" / "guides" / "exports.md")
     print(path.relative_to(ROOT))

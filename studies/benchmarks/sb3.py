@@ -1,8 +1,8 @@
 """Our MLP beside stable-baselines3's, PPO both, at the same budget: is the rival of our tables as good as it should be?
 
-    python -m studies.benchmarks.sb3 PYTHON [STEPS]
+    python -m studies.benchmarks.sb3 [STEPS]
 
-PYTHON is the interpreter of a virtual environment with stable-baselines3 (its pins would hold back ours). Two tasks,
+stable-baselines3 runs in an environment of its own (`studies.benchmarks.rivals`). Two tasks,
 three trainings each, 100 test episodes a training; both with the settings of rl-baselines3-zoo, ours also with its
 default preset, which is made for 1 M steps. In turns, so that a busy machine meets both. Writes
 studies/results/sb3.json.
@@ -10,8 +10,6 @@ studies/results/sb3.json.
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 from typing import Any
 
@@ -21,7 +19,8 @@ from rich.table import Table
 import sympol
 from sympol.play import play
 
-from .timing import ROOT, write_environments
+from .rivals.environment import train
+from .timing import write_environments
 
 TASKS = ("Acrobot-v1", "Pendulum-v1")
 SEEDS = range(3)
@@ -66,28 +65,25 @@ def ours(env: str, seed: int, steps: int, settings: dict[str, Any]) -> dict[str,
     return {"return_mean": float(returns.mean()), "steps": agent.num_timesteps}
 
 
-def theirs(python: str, env: str, seed: int, steps: int) -> dict[str, Any]:
-    """Train and test stable-baselines3's in a process of its own."""
-    command = [python, str(ROOT / "studies" / "benchmarks" / "rivals.py"), "sb3", str(steps), env, str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
-
-
 def main() -> None:
     """Measure, print, write."""
-    python, steps = sys.argv[1], int(sys.argv[2]) if sys.argv[2:] else STEPS
+    steps = int(sys.argv[1]) if sys.argv[1:] else STEPS
     table = Table(
         "environment", "sympol, zoo's settings", "stable-baselines3, zoo's", "sympol, default", "steps"
     )
     results = {}
     for env in TASKS:
         runs = [
-            (ours(env, seed, steps, zoo(env)), theirs(python, env, seed, steps), ours(env, seed, steps, {}))
+            (ours(env, seed, steps, zoo(env)), train("sb3", steps, env, seed), ours(env, seed, steps, {}))
             for seed in SEEDS
         ]
         names = ("sympol", "stable-baselines3", "sympol_default")
         found = {name: [run[i]["return_mean"] for run in runs] for i, name in enumerate(names)}
-        results[env] = {**found, "stable_baselines3_seconds": [run[1]["training_seconds"] for run in runs]}
+        results[env] = {
+            **found,
+            "stable_baselines3_seconds": [run[1]["training_seconds"] for run in runs],
+            "stable_baselines3_versions": runs[0][1]["versions"],
+        }
         table.add_row(env, *(" ".join(f"{r:.0f}" for r in returns) for returns in found.values()), str(steps))
     Console().print(table)
     print(write_environments("sb3", {"steps": steps, "episodes": EPISODES, "seeds": list(SEEDS)}, results))

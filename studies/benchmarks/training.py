@@ -1,11 +1,12 @@
 """How long a training takes, from process start to saved and tested tree, and where the time goes.
 
-    python -m studies.benchmarks.training [--rivals PYTHON]
+    python -m studies.benchmarks.training [--rivals]
 
 Runs `sympol train CartPole-v1` for a million steps as a user would, in processes of its own: cold (nothing in the
 compilation cache) and cached; with our preset and with the paper's. Then, inside one process, the seconds until the
-deterministic tree first averages 475 over 100 validation episodes, and how a step's time splits. PYTHON is an
-interpreter that has stable-baselines3 and rejax (studies/benchmarks/rivals.py). Writes studies/results/training.json.
+deterministic tree first averages 475 over 100 validation episodes, and how a step's time splits. With --rivals
+stable-baselines3 and rejax train beside it, each in an environment of its own (`studies.benchmarks.rivals`). Writes
+studies/results/training.json.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from sympol.algorithms.validate import limit_in, validate
 from sympol.envs.registry import resolve
 from sympol.policies.distributions import distribution_of
 
-from .timing import ROOT, interleaved, write
+from .rivals.environment import train
+from .timing import interleaved, write
 
 ENV = "CartPole-v1"
 SOLVED = 475.0
@@ -143,18 +145,10 @@ def split() -> dict[str, float]:
     return {**per_step, "validation_seconds": timings["one validation"].least * config.num_evals}
 
 
-def rivals(python: str, repeats: int) -> dict[str, Any]:
-    """stable-baselines3 (100,000 steps: it is slow) and rejax (a million)."""
-    results: dict[str, Any] = {}
-    for name, steps in (("sb3", 100_000), ("rejax", 1_000_000)):
-        results[name] = []
-        for _ in range(repeats):
-            script = str(ROOT / "studies" / "benchmarks" / "rivals.py")
-            done = subprocess.run(
-                [python, script, name, str(steps)], capture_output=True, text=True, check=True
-            )
-            results[name].append(json.loads(done.stdout.splitlines()[-1]))
-    return results
+def rivals(repeats: int) -> dict[str, Any]:
+    """Train stable-baselines3 (100,000 steps: it is slow) and rejax (a million)."""
+    lengths = {"sb3": 100_000, "rejax": 1_000_000}
+    return {name: [train(name, steps) for _ in range(repeats)] for name, steps in lengths.items()}
 
 
 def main() -> None:
@@ -162,12 +156,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--rivals", metavar="PYTHON", help="interpreter with stable-baselines3 and rejax")
+    parser.add_argument("--rivals", action="store_true", help="train stable-baselines3 and rejax as well")
     parser.add_argument("--repeats", type=int, default=3)
     given = parser.parse_args()
     results: dict[str, Any] = {"whole_runs": whole_runs(given.repeats)}
     if given.rivals:
-        results["rivals"] = rivals(given.rivals, 1)
+        results["rivals"] = rivals(1)
     results["split"] = split()
     results["seconds_until_475"] = seconds_until_solved(range(5))
     print(json.dumps(results, indent=1))

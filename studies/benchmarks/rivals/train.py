@@ -1,15 +1,15 @@
 """PPO with an MLP by stable-baselines3 and by rejax.
 
-`studies.benchmarks.training` and `studies.benchmarks.sb3` run it, a process each:
+A script of its own, run by the interpreter of the rival's environment (`studies.benchmarks.rivals.environment`):
 
-    python studies/benchmarks/rivals.py sb3|rejax STEPS [ENV SEED]
+    python train.py sb3|rejax STEPS [ENV SEED]
 
-It needs a virtual environment of its own with `stable-baselines3` and `rejax`: their pins would hold back ours. Prints
-one line of JSON. Imports stand inside the functions because their seconds belong to the measurement.
+It prints one line of JSON. Imports stand inside the functions because their seconds belong to the measurement.
 """
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import sys
 import time
@@ -88,4 +88,7 @@ if __name__ == "__main__":
     START = time.perf_counter()
     name, budget, *of_what = sys.argv[1:]
     result = rejax(int(budget)) if name == "rejax" else sb3(int(budget), *of_what[:1], *map(int, of_what[1:]))
-    print(json.dumps({**result, "wall_seconds": time.perf_counter() - START}))
+    seconds = time.perf_counter() - START
+    packages = {"sb3": ("stable-baselines3", "torch", "gymnasium"), "rejax": ("rejax", "gymnax", "jax")}[name]
+    versions = {package: importlib.metadata.version(package) for package in packages}
+    print(json.dumps({**result, "wall_seconds": seconds, "versions": versions}))
