@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..algorithms.config import Config
+from ..provenance import versions
 from ..runs.clearing import require_free
 from ..runs.metadata import RunError, file_name
 from ..runs.run import Run
