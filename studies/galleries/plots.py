@@ -7,7 +7,6 @@ from os import PathLike
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from sympol.trees.plot_page import check_file
 
 from sympol.results.number_format import number
 from sympol.results.style import PANEL, save, styled
@@ -15,6 +14,7 @@ from sympol.runs.formatting import decimals
 from sympol.search.front.front import Front, Point
 from sympol.search.front.labels import place_labels
 from sympol.search.front.plot import SIZE, add_legend, draw_tree, fix_panels, looks_of, panel
+from sympol.trees.plot_style import check_file
 
 from .published import published
 
