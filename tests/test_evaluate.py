@@ -16,7 +16,7 @@ from sympol.envs.host import EnvironmentFailure, HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 from sympol.play import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
-from sympol.search.evaluators.base import make_arena
+from sympol.search.evaluators.base import make_evaluator
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 
 from .tiny import Chain, trained
@@ -203,7 +203,7 @@ def test_an_agent_is_evaluated_on_no_more_copies_than_it_was_trained_on(ports, t
     agent.save(tmp_path / "run")
     loaded = sympol.load(tmp_path / "run", env=Ports)
     sympol.distill_policy(loaded, "dagger", 1, num_iterations=2, episodes_per_iteration=5)
-    make_arena(agent.spec, 0).play([agent.tree()], range(40))
+    make_evaluator(agent.spec, 0).play([agent.tree()], range(40))
     assert (ports.open, ports.most) == (0, 2)
 
 

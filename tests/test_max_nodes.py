@@ -21,9 +21,9 @@ from sympol.bench.method_specs import same_config
 from sympol.functional import hard_tree
 from sympol.policies.extract import extract_tree
 from sympol.policies.tree import Tree
-from sympol.search.masking import CLOSED, close, open_tree
-from sympol.search.prunings import cut_at, cuts
-from sympol.search.size_limit import moment, shaped
+from sympol.search.masking import MASKED, extract_unmasked, mask_nodes
+from sympol.search.prunings import apply_prunings, prune_moves
+from sympol.search.size_limit import mask_state, prune_step
 from sympol.trees import ActionSpec
 from tests.tiny import TINY, Chain, flags, quick_compiles, read_summary, refused, status_of
 from tests.trees.samples import ACTIONS, telling_observations
@@ -69,8 +69,8 @@ def cut_down(actor: Tree, actions: ActionSpec, rng: np.random.Generator, to: int
     tree = extract_tree(actor, SHIFT, SCALE, actions=actions)
     x = rng.normal(size=(200, tree.n_features)).astype(np.float32) * np.float32([1, 1, 1000])
     while tree.n_nodes > to:
-        found = cuts(tree, x)
-        tree = cut_at(tree, [found[int(rng.integers(len(found)))]])
+        found = prune_moves(tree, x)
+        tree = apply_prunings(tree, [found[int(rng.integers(len(found)))]])
         tree = tree.prune(bounds=False) if rng.random() < 0.3 else tree
     return tree
 
@@ -80,8 +80,8 @@ def cut_down(actor: Tree, actions: ActionSpec, rng: np.random.Generator, to: int
 def test_a_pruned_tree_lies_in_the_complete_one_and_acts_there(kind, seed):
     rng, actor, actions = np.random.default_rng(seed), drawn(seed, kind), ACTIONS[kind]
     small = cut_down(actor, actions, rng, to=int(rng.choice([1, 3, 7, 11])))
-    closed = close(actor, SHIFT, SCALE, small)
-    found = open_tree(closed, SHIFT, SCALE, actions=actions)
+    closed = mask_nodes(actor, SHIFT, SCALE, small)
+    found = extract_unmasked(closed, SHIFT, SCALE, actions=actions)
     assert replace(found, n_node_samples=None) == replace(small, n_node_samples=None)
     x = telling_observations(small, rng, 2000)
     np.testing.assert_array_equal(found.predict(x), small.predict(x))
@@ -98,11 +98,11 @@ def test_questions_that_are_asked_in_many_places_are_found_in_the_right_one():
         few = jnp.asarray(rng.choice(np.float32([-0.5, 0.5]), actor.thresholds.shape))
         actor = replace(actor, thresholds=few)
         small = cut_down(actor, actions, rng, to=int(rng.choice([5, 7, 9])))
-        found = open_tree(close(actor, SHIFT, SCALE, small), SHIFT, SCALE, actions=actions)
+        found = extract_unmasked(mask_nodes(actor, SHIFT, SCALE, small), SHIFT, SCALE, actions=actions)
         assert replace(found, n_node_samples=None) == replace(small, n_node_samples=None)
         other = cut_down(replace(actor, thresholds=-few), actions, rng, to=9)
         try:
-            close(actor, SHIFT, SCALE, other)
+            mask_nodes(actor, SHIFT, SCALE, other)
         except ValueError:
             nowhere += 1
     assert nowhere > 20
@@ -112,7 +112,7 @@ def test_questions_that_are_asked_in_many_places_are_found_in_the_right_one():
 def test_spare_splits_stay_open_and_change_nothing_yet(spare):
     rng, actor, actions = np.random.default_rng(1), drawn(1, "discrete"), ACTIONS["discrete"]
     small = cut_down(actor, actions, rng, to=5)
-    found = open_tree(close(actor, SHIFT, SCALE, small, spare), SHIFT, SCALE, actions=actions)
+    found = extract_unmasked(mask_nodes(actor, SHIFT, SCALE, small, spare), SHIFT, SCALE, actions=actions)
     assert found.n_nodes == small.n_nodes + 2 * spare if spare < 100 else small.n_nodes < found.n_nodes <= 31
     x = telling_observations(found, rng, 2000)
     np.testing.assert_array_equal(found.predict(x), small.predict(x))
@@ -122,7 +122,7 @@ def test_a_tree_of_somebody_else_does_not_lie_there():
     actor, other = drawn(2, "discrete"), drawn(3, "discrete")
     small = cut_down(other, ACTIONS["discrete"], np.random.default_rng(0), to=7)
     with pytest.raises(ValueError, match="it was not pruned out of it"):
-        close(actor, SHIFT, SCALE, small)
+        mask_nodes(actor, SHIFT, SCALE, small)
 
 
 @pytest.mark.parametrize("surrogate", ["sigmoid", "softsign"])
@@ -130,7 +130,7 @@ def test_a_tree_of_somebody_else_does_not_lie_there():
 def test_closed_nodes_learn_nothing_and_the_others_as_if_they_were_not_there(surrogate, temperature):
     rng, actor = np.random.default_rng(4), drawn(4, "discrete")
     small = cut_down(actor, ACTIONS["discrete"], rng, to=7)
-    closed = close(actor, np.float32([0, 0, 0]), np.float32([1, 1, 1]), _unscaled(actor, small))
+    closed = mask_nodes(actor, np.float32([0, 0, 0]), np.float32([1, 1, 1]), _unscaled(actor, small))
     x = jnp.asarray(rng.normal(size=(300, 3)), jnp.float32) / temperature
     weights = jnp.asarray(rng.normal(size=(300, 3)), jnp.float32)
 
@@ -138,7 +138,7 @@ def test_closed_nodes_learn_nothing_and_the_others_as_if_they_were_not_there(sur
         return jnp.sum(weights * hard_tree(logits, thresholds / temperature, leaves, x, surrogate=surrogate))
 
     gradient = jax.grad(loss, argnums=(0, 1, 2))(closed.feature_logits, closed.thresholds, closed.leaf_values)
-    is_closed = (np.abs(np.asarray(closed.thresholds)) == np.float32(CLOSED)).all(axis=1)
+    is_closed = (np.abs(np.asarray(closed.thresholds)) == np.float32(MASKED)).all(axis=1)
     assert is_closed.any()
     for part in gradient:
         assert np.isfinite(part).all()
@@ -185,10 +185,10 @@ def test_the_tree_is_never_larger_and_is_what_acts(algorithm):
 
 def test_from_its_moment_on_the_shape_stays_and_the_rest_learns():
     config = {**SMALL, "select_best": False, "rollback": False, "learning_rate_thresholds": 10.0}
-    before = until(agent(**config), moment(agent().config))
+    before = until(agent(**config), prune_step(agent().config))
     begun = _parameters(before)
     ended = _parameters(before.learn(progress_bar=False))
-    closed = (np.abs(begun.thresholds) == np.float32(CLOSED)).all(axis=1)
+    closed = (np.abs(begun.thresholds) == np.float32(MASKED)).all(axis=1)
     assert closed.any()
     assert begun.thresholds[closed].tobytes() == ended.thresholds[closed].tobytes()
     assert (begun.thresholds[~closed] != ended.thresholds[~closed]).any()
@@ -197,7 +197,7 @@ def test_from_its_moment_on_the_shape_stays_and_the_rest_learns():
 
 def test_what_is_validated_is_the_tree_in_its_shape():
     """At the moment the first best one is the pruned tree; what is best later is no worse, and as small."""
-    at = until(agent(), moment(agent().config))
+    at = until(agent(), prune_step(agent().config))
     assert at.state is not None
     first = float(at.state.validation.best_return)
     assert first == float(at.state.validation.last_return)
@@ -210,7 +210,7 @@ def test_what_is_validated_is_the_tree_in_its_shape():
 def test_validation_begins_anew():
     begun = until(agent(), 256)
     assert begun.state is not None
-    made = shaped(begun.state, begun._extract(begun.state), begun.spec, begun.config, begun.seed)
+    made = mask_state(begun.state, begun._extract(begun.state), begun.spec, begun.config, begun.seed)
     assert made.validation.best_return == -np.inf
     best, actor = made.validation.best_actor, made.networks.actor
     assert np.asarray(best.thresholds).tobytes() == np.asarray(actor.thresholds).tobytes()

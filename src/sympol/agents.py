@@ -33,8 +33,8 @@ from .policies.extract import extract_tree
 from .policies.tree import Tree
 from .runs.progress import ProgressBar
 from .runs.run import Run
-from .search.masking import open_tree
-from .search.size_limit import has_limit, is_due, moment, shaped, within
+from .search.masking import extract_unmasked
+from .search.size_limit import has_limit, is_due, mask_state, prune_step, prune_within
 from .trees import DecisionTree, Group
 from .trees.actions import ActionSpec, BoxActions
 
@@ -213,7 +213,7 @@ class Agent(abc.ABC):
     def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:
         """The state in the shape of a tree that is small enough, validated."""
         trainer.close()  # there may be no more copies of the environment than it has open
-        small = shaped(state, self._extract(state), self.spec, self.config, self.seed)
+        small = mask_state(state, self._extract(state), self.spec, self.config, self.seed)
         validated = trainer.advance(small, int(small.timestep))
         return validated._replace(episodes=state.episodes)  # still to be reported
 
@@ -340,16 +340,16 @@ class Agent(abc.ABC):
         actor = self._actor(state)
         assert isinstance(actor, Tree)
         shift, scale = (np.asarray(part) for part in state.normalizer)
-        extract = open_tree if has_limit(self.config) else extract_tree
+        extract = extract_unmasked if has_limit(self.config) else extract_tree
         return extract(actor, shift, scale, **self._metadata(state))
 
     def _limited(self) -> DecisionTree:
         """The tree to start from, or as it is trained; within the limit, if there is one."""
         begun = self.state is None and self.start is not None
         tree = self.start.tree if begun else self._extract(self._trained())  # pyright: ignore[reportOptionalMemberAccess]
-        if not has_limit(self.config) or self.num_timesteps >= moment(self.config):
+        if not has_limit(self.config) or self.num_timesteps >= prune_step(self.config):
             return tree
-        return within(tree, self.spec, self.config, self.seed)
+        return prune_within(tree, self.spec, self.config, self.seed)
 
 
 @final

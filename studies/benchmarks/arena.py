@@ -23,9 +23,9 @@ from rich.table import Table
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.search.evaluators.base import Arena, make_arena
-from sympol.search.evaluators.jax import CompiledArena
-from sympol.search.evaluators.tabular import TableArena
+from sympol.search.evaluators.base import Evaluator, make_evaluator
+from sympol.search.evaluators.jax import JaxEvaluator
+from sympol.search.evaluators.tabular import TabularEvaluator
 from sympol.trees import DecisionTree
 
 from .timing import write
@@ -53,7 +53,9 @@ class Rate(NamedTuple):
 def random_trees(spec: EnvSpec, depth: int, num: int) -> list[DecisionTree]:
     """Complete trees that compare with numbers seen at the start of episodes."""
     rng, features = np.random.default_rng(depth), spec.features
-    seen = make_arena(spec, 0).observe(complete(spec, 0, rng, np.zeros((1, len(features.names)))), range(16))
+    seen = make_evaluator(spec, 0).observe(
+        complete(spec, 0, rng, np.zeros((1, len(features.names)))), range(16)
+    )
     return [complete(spec, depth, rng, seen) for _ in range(num)]
 
 
@@ -72,7 +74,7 @@ def complete(spec: EnvSpec, depth: int, rng: np.random.Generator, seen: np.ndarr
     )
 
 
-def playing(arena: Arena, trees: list[DecisionTree], episodes: range) -> Callable[[], int]:
+def playing(arena: Evaluator, trees: list[DecisionTree], episodes: range) -> Callable[[], int]:
     """Play them all; how many steps that were."""
     return lambda: int(arena.play(trees, episodes).lengths.sum(dtype=np.int64))
 
@@ -95,11 +97,11 @@ def measured(name: str, given: argparse.Namespace) -> dict[str, Rate]:
     spec = resolve(name)
     num = given.trees if spec.env is not None else given.trees // 8
     episodes = range(given.episodes)
-    arenas = {"": make_arena(spec, 0)}
-    if isinstance(arenas[""], TableArena):
-        arenas = {"": CompiledArena(spec, 0), ", looked up": arenas[""]}
+    arenas = {"": make_evaluator(spec, 0)}
+    if isinstance(arenas[""], TabularEvaluator):
+        arenas = {"": JaxEvaluator(spec, 0), ", looked up": arenas[""]}
     if spec.native is not None:
-        arenas[", Gymnasium"] = make_arena(resolve(name, backend="host"), 0)
+        arenas[", Gymnasium"] = make_evaluator(resolve(name, backend="host"), 0)
     calls = {
         size + how: playing(arena, random_trees(spec, depth, num), episodes)
         for how, arena in arenas.items()

@@ -3,9 +3,9 @@
     python -m studies.benchmarks.races [--episodes N] [--trees N] [--repeats N]
 
 The best kept trees of LunarLander with at most 63 nodes, one of each search (studies/results/fronts), raced by their
-random questions (`sympol.search.insertions`) and by their cuts (`sympol.search.prunings`): each tree alone
-(`Arena.play`) and all as
-changes of one (`Arena.play_changed`), which brings the same returns. Writes studies/results/races.json.
+random questions (`sympol.search.insert_splits`) and by their cuts (`sympol.search.prunings`): each tree alone
+(`Evaluator.play`) and all as
+changes of one (`Evaluator.play_variants`), which brings the same returns. Writes studies/results/races.json.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from studies.galleries.fronts import load
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.search.evaluators.base import make_arena
-from sympol.search.insertions import grown, sprouts
-from sympol.search.prunings import cut_at, cuts
+from sympol.search.evaluators.base import make_evaluator
+from sympol.search.insert_splits import apply_insertions, sample_insertions
+from sympol.search.prunings import apply_prunings, prune_moves
 from sympol.trees import DecisionTree
 
 from .timing import ROOT, interleaved, write
@@ -34,11 +34,11 @@ WATCHED = 64
 
 def changed(tree: DecisionTree, spec: EnvSpec, number: int) -> dict[str, list[DecisionTree]]:
     """What races are of."""
-    seen = make_arena(spec, 0).observe(tree, range(WATCHED))
-    some = sprouts(tree, seen, number, np.random.default_rng(0))
+    seen = make_evaluator(spec, 0).observe(tree, range(WATCHED))
+    some = sample_insertions(tree, seen, number, np.random.default_rng(0))
     return {
-        "questions": [grown(tree, [sprout]) for sprout in some],
-        "cuts": [cut_at(tree, [cut]) for cut in cuts(tree, seen)[:number]],
+        "questions": [apply_insertions(tree, [sprout]) for sprout in some],
+        "prune_moves": [apply_prunings(tree, [cut]) for cut in prune_moves(tree, seen)[:number]],
     }
 
 
@@ -46,14 +46,14 @@ def measured(
     tree: DecisionTree, others: list[DecisionTree], spec: EnvSpec, episodes: range, repeats: int
 ) -> dict[str, Any]:
     """One race: steps and seconds alone, and as changes of one tree."""
-    alone, together = make_arena(spec, 1), make_arena(spec, 1)
+    alone, together = make_evaluator(spec, 1), make_evaluator(spec, 1)
     one = alone.play([tree, *others], episodes).returns
-    np.testing.assert_array_equal(together.play_changed(tree, others, episodes).returns, one)
+    np.testing.assert_array_equal(together.play_variants(tree, others, episodes).returns, one)
     steps = {"alone": alone.steps, "together": together.steps}
     times = interleaved(
         {
             "alone": lambda: alone.play([tree, *others], episodes),
-            "together": lambda: together.play_changed(tree, others, episodes),
+            "together": lambda: together.play_variants(tree, others, episodes),
         },
         repeats,
     )

@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 import sympol
-from sympol.search.evaluators.base import Arena, make_arena
-from sympol.search.prune_by_return import shrink
+from sympol.search.evaluators.base import Evaluator, make_evaluator
+from sympol.search.prune_by_return import prune_by_return
 from sympol.search.round_thresholds import digits_of, round_thresholds
 from sympol.trees import DecisionTree
 
@@ -34,7 +34,7 @@ SEEDS = (1000, 1001, 1002)
 EPISODES = 1000
 
 
-def row_of(tree: DecisionTree, judge: Arena, began: float) -> dict[str, Any]:
+def row_of(tree: DecisionTree, judge: Evaluator, began: float) -> dict[str, Any]:
     """What a tree earns and how large it is."""
     digits = [digits_of(x) for x in tree.threshold[~tree.is_leaf].tolist()]
     return {
@@ -49,11 +49,11 @@ def measure(env: str, seed: int) -> dict[str, Any]:
     """One training without a limit, pruned to each size, and one training for each size."""
     began = time.perf_counter()
     free = sympol.PPO("tree", env, seed=seed).learn(progress_bar=False)
-    judge, arena = make_arena(free.spec, seed, "validation"), make_arena(free.spec, seed)
+    judge, arena = make_evaluator(free.spec, seed, "validation"), make_evaluator(free.spec, seed)
     row: dict[str, Any] = {"seed": seed, "free": row_of(free.tree(), judge, began), "limits": {}}
     for limit in LIMITS[env]:
         began = time.perf_counter()
-        afterwards = shrink(free.tree(), arena, max_nodes=limit).tree
+        afterwards = prune_by_return(free.tree(), arena, max_nodes=limit).tree
         pruned = row_of(afterwards, judge, began)
         began = time.perf_counter()
         trained = sympol.PPO("tree", env, seed=seed, max_nodes=limit).learn(progress_bar=False).tree()

@@ -22,10 +22,9 @@ from sympol import files
 from sympol.results.json_io import dumps
 from sympol.results.seeds import require_training_seed
 from sympol.runs.metadata import file_name
-from sympol.search.front.aggregate import require_one_task
 from sympol.search.front.config import SHARES
 from sympol.search.front.files import fields_of, front_from, point_fields, read_json
-from sympol.search.front.front import Front, FrontError, Point
+from sympol.search.front.front import Front, FrontError, Point, require_one_task
 from sympol.search.front.plot import plot
 from sympol.search.front.tables import markdown
 from sympol.trees import DecisionTree
@@ -61,7 +60,7 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
     for front in fronts:
         if any(point.test is None for point in front.points):
             raise FrontError(f"the front of {front.environment} was not tested; what is kept must be")
-        path = path_of(front.environment, root, front.roads)
+        path = path_of(front.environment, root, front.methods)
         by_path.setdefault(path, {})[require_training_seed(front.seed)] = front
     written = []
     for path, new in by_path.items():
@@ -116,7 +115,7 @@ def load_parts(root: Path, environment: str) -> list[list[Front]]:
     found = [
         load(path) for path in sorted((_folder(root) / "roads").glob(f"{file_name(environment)}--*.json"))
     ]
-    return sorted(found, key=lambda runs: len(runs[0].roads))
+    return sorted(found, key=lambda runs: len(runs[0].methods))
 
 
 def write_docs(

@@ -7,8 +7,14 @@ from collections.abc import Iterable, Sequence
 from sympol.results.number_format import given, number
 from sympol.results.table_formats import in_markdown, pipe_table
 from sympol.runs.formatting import decimals
-from sympol.search.front.aggregate import AtMost, require_one_task, sizes_of, summarise
-from sympol.search.front.front import Front, Point
+from sympol.search.front.front import (
+    BestUnderSize,
+    Front,
+    Point,
+    best_under_sizes,
+    require_one_task,
+    sizes_of,
+)
 from sympol.search.front.tables import cost_line, short_count
 
 from .published import Target, best_published, targets
@@ -25,7 +31,7 @@ def markdown_of_runs(fronts: Sequence[Front], sizes: Sequence[Target] = ()) -> s
         sizes: The rows; by default the task's targets, or all sizes of points where it has none.
 
     Raises:
-        FrontError: See `summarise`.
+        FrontError: See `best_under_sizes`.
     """
     environment, sizes = require_one_task(fronts), sizes or _sizes(fronts)
     goals = [_goal(target) for target in sizes]
@@ -46,7 +52,7 @@ def markdown_of_tasks(tasks: Iterable[Sequence[Front]]) -> str:
     """Return one table of many tasks, with the test returns of all runs in its last column.
 
     Raises:
-        FrontError: See `summarise`.
+        FrontError: See `best_under_sizes`.
     """
     rows = []
     for fronts in tasks:
@@ -72,7 +78,7 @@ def markdown_by_methods(groups: Sequence[Sequence[Front]]) -> str:
     """Return a table with a row for each choice of methods: what several runs reached with it.
 
     Raises:
-        FrontError: See `summarise`.
+        FrontError: See `best_under_sizes`.
     """
     environment = require_one_task([runs[0] for runs in groups][:1])
     sizes = [target.nodes for target in targets(environment)] or sizes_of(groups[-1])
@@ -80,10 +86,10 @@ def markdown_by_methods(groups: Sequence[Sequence[Front]]) -> str:
     columns = ["methods", "runs", *(f"at most {size} nodes" for size in sizes), "steps", "seconds"]
     rows = []
     for runs in groups:
-        steps = sum(front.spent.steps for front in runs) / len(runs)
-        seconds = sum(front.spent.seconds for front in runs) / len(runs)
-        methods = in_markdown(" + ".join(map(str, runs[0].roads)) or "all")
-        reached = [_mean(summary, places) for summary in summarise(runs, sizes)]
+        steps = sum(front.cost.steps for front in runs) / len(runs)
+        seconds = sum(front.cost.seconds for front in runs) / len(runs)
+        methods = in_markdown(" + ".join(map(str, runs[0].methods)) or "all")
+        reached = [_mean(summary, places) for summary in best_under_sizes(runs, sizes)]
         rows.append([methods, str(len(runs)), *reached, short_count(round(steps)), number(seconds, 0)])
     return f"{pipe_table(columns, rows)}\n\nTest returns; steps (with a teacher's) and seconds are means over runs.\n"
 
@@ -93,8 +99,8 @@ def _sizes(fronts: Sequence[Front]) -> Sequence[Target]:
     return targets(require_one_task(fronts)) or [Target(size, None) for size in sizes_of(fronts)]
 
 
-def _summaries(fronts: Sequence[Front], sizes: Sequence[Target]) -> list[AtMost]:
-    return summarise(fronts, [target.nodes for target in sizes])
+def _summaries(fronts: Sequence[Front], sizes: Sequence[Target]) -> list[BestUnderSize]:
+    return best_under_sizes(fronts, [target.nodes for target in sizes])
 
 
 def _decimals(fronts: Sequence[Front]) -> int:
@@ -114,14 +120,14 @@ def _published(environment: str, nodes: int) -> str:
     return f"{given(best.mean)} ({', '.join(filter(None, [f'{best.nodes:g}', label]))})"
 
 
-def _mean_beside(target: Target, reached: AtMost, places: int) -> str:
+def _mean_beside(target: Target, reached: BestUnderSize, places: int) -> str:
     """Format the mean over runs, in bold where it reaches the target."""
     text = _mean(reached, places)
     is_reached = target.mean is not None and reached.mean is not None and reached.mean >= target.mean
     return f"**{text}**" if is_reached else text
 
 
-def _mean(reached: AtMost, places: int) -> str:
+def _mean(reached: BestUnderSize, places: int) -> str:
     if reached.mean is None:
         return NO_TREE
     return number(reached.mean, places) + ("" if reached.std is None else f" ± {number(reached.std, places)}")

@@ -1,4 +1,4 @@
-"""An arena whose returns anybody can work out: an episode is a few observations, its return how many get the answer
+"""An evaluator whose returns anybody can work out: an episode is a few observations, its return how many get the answer
 that a teacher gives (or, of continuous actions, how far off all answers are)."""
 
 from __future__ import annotations
@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from sympol.search.evaluators.base import Arena, Played
+from sympol.search.evaluators.base import Evaluator, Returns
 from sympol.trees import BoxActions, DecisionTree
 
 LENGTH = 20
 
 
-class Bandit(Arena):
+class Bandit(Evaluator):
     """Observations are normal, each feature apart from the others; where ``whole``, rounded to tenths."""
 
     def __init__(
@@ -46,10 +46,10 @@ class Bandit(Arena):
             rewards = (given == wanted).all(axis=1)
         return rewards.reshape(-1, LENGTH).sum(axis=1).astype(np.float32)
 
-    def _play(self, trees: Any, episodes: range) -> Played:
+    def _play(self, trees: Any, episodes: range) -> Returns:
         self.calls.append((len(trees), episodes))
         returns = np.stack([self.returns_of(tree, episodes) for tree in trees])
-        return Played(returns, np.full(returns.shape, LENGTH, np.int32))
+        return Returns(returns, np.full(returns.shape, LENGTH, np.int32))
 
     def _observe(self, tree: DecisionTree, episodes: range) -> np.ndarray:
         return self.seen_in(episodes)

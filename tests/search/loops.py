@@ -1,4 +1,4 @@
-"""Trees of any shape, and plain loops that play them: what arenas are compared with."""
+"""Trees of any shape, and plain loops that play them: what evaluators are compared with."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.play import WORDS
-from sympol.search.evaluators.base import Played
+from sympol.search.evaluators.base import Returns
 from sympol.trees import DecisionTree
 
 SEED = 7
@@ -89,13 +89,13 @@ def _jitted(env: Any) -> tuple[Any, Any]:
     return jax.jit(env.reset), jax.jit(env.step)
 
 
-def looped(spec: EnvSpec, trees: list[DecisionTree], episodes: range, purpose: Any = "refine") -> Played:
+def looped(spec: EnvSpec, trees: list[DecisionTree], episodes: range, purpose: Any = "refine") -> Returns:
     results = [[jax_loop(spec, tree, episode, purpose)[:2] for episode in episodes] for tree in trees]
     returns, lengths = (np.array([[result[i] for result in row] for row in results]) for i in (0, 1))
-    return Played(returns.astype(np.float32), lengths.astype(np.int32))
+    return Returns(returns.astype(np.float32), lengths.astype(np.int32))
 
 
-def assert_same(ours: Played, theirs: Played, *, exact: bool = True) -> None:
+def assert_same(ours: Returns, theirs: Returns, *, exact: bool = True) -> None:
     np.testing.assert_array_equal(ours.lengths, theirs.lengths)
     np.testing.assert_allclose(
         ours.returns, theirs.returns, rtol=0 if exact else 2e-5, atol=0 if exact else 1e-4

@@ -11,7 +11,7 @@ import pytest
 from sympol.envs.capabilities import UNREACHABLE, steps_to_goal
 from sympol.envs.minigrid.state_graph import all_starts
 from sympol.search.best_lookup import best_lookup
-from sympol.search.evaluators.tabular import TableArena, play_table
+from sympol.search.evaluators.tabular import TabularEvaluator, play_table
 from sympol.search.evolve import Budget
 from tests.envs import minigrid_worlds
 
@@ -27,7 +27,7 @@ def test_it_is_as_good_as_the_best_that_a_mixed_integer_program_finds(name):
     spec = spec_of(name)
     graph = spec.state_graph()
     assert graph is not None
-    table = best_lookup(TableArena(spec, 3), budget=Budget(steps=1e8), seed=1)
+    table = best_lookup(TabularEvaluator(spec, 3), budget=Budget(steps=1e8), seed=1)
     act = np.zeros(len(graph.observations), int)
     number = {row.tobytes(): i for i, row in enumerate(graph.observations)}
     act[[number[row.tobytes()] for row in table.observations]] = table.actions
@@ -59,7 +59,7 @@ def test_the_table_says_what_to_do_wherever_it_leads():
     spec = spec_of("MiniGrid-LavaGapS5-v0")
     graph = spec.state_graph()
     assert graph is not None
-    table = best_lookup(TableArena(spec, 0), budget=Budget(steps=1e6))
+    table = best_lookup(TabularEvaluator(spec, 0), budget=Budget(steps=1e6))
     does = {row.tobytes(): int(action) for row, action in zip(table.observations, table.actions, strict=True)}
     asked, starts = set(), all_starts(spec.env)
     assert starts is not None
@@ -74,7 +74,7 @@ def test_the_table_says_what_to_do_wherever_it_leads():
 def test_the_same_seed_and_steps_end_alike():
     spec = spec_of("MiniGrid-LavaGapS7-v0")
     first, again, other = (
-        best_lookup(TableArena(spec, 0), budget=Budget(steps=3e7), seed=seed) for seed in (4, 4, 5)
+        best_lookup(TabularEvaluator(spec, 0), budget=Budget(steps=3e7), seed=seed) for seed in (4, 4, 5)
     )
     assert first.steps == again.steps != other.steps
     np.testing.assert_array_equal(first.actions, again.actions)

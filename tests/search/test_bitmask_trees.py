@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from sympol.search.evaluators.bitmask_trees import ALL, MAX_LEAVES, Masked
+from sympol.search.evaluators.packed_trees import ALL, MAX_LEAVES, BitmaskTrees
 
 from .loops import grown, spec_of
 
@@ -20,7 +20,7 @@ def test_bits_are_the_leaf_that_walking_ends_in():
     x = rng.uniform(-1, 1, (40, 4)).astype(np.float32)
     special = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 0.5], np.float32)
     x = np.where(rng.random(x.shape) < 0.3, rng.choice(special, x.shape), x)
-    forest = Masked.of(trees, len(trees))
+    forest = BitmaskTrees.of(trees, len(trees))
     which = np.repeat(np.arange(len(trees)), len(x))
     leaves = _leaves(forest, which, np.tile(x, (len(trees), 1))).reshape(len(trees), len(x))
     for tree, leaf in zip(trees, leaves, strict=True):
@@ -28,11 +28,11 @@ def test_bits_are_the_leaf_that_walking_ends_in():
 
 
 @jax.jit
-def _apply(forest: Masked, which: Any, x: Any) -> Any:
-    return forest.apply(which, forest.held(which), x)
+def _apply(forest: BitmaskTrees, which: Any, x: Any) -> Any:
+    return forest.apply(which, forest.tree_slices(which), x)
 
 
-def _leaves(forest: Masked, which: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _leaves(forest: BitmaskTrees, which: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.asarray(_apply(forest, which.astype(np.int32), x))
 
 
@@ -43,14 +43,14 @@ def test_many_features_are_looked_up():
     x = np.zeros((200, len(spec.features.names)), np.float32)
     for group in spec.features.groups:
         x[np.arange(len(x)), rng.choice(group.features, len(x))] = 1
-    forest, which = Masked.of([tree], 1), np.zeros(len(x), int)
+    forest, which = BitmaskTrees.of([tree], 1), np.zeros(len(x), int)
     leaf = _leaves(forest, which, x)
     assert len(np.unique(leaf)) > 2
     np.testing.assert_array_equal(np.flatnonzero(tree.is_leaf)[leaf], tree.apply(x))
 
 
 def test_rows_beyond_the_nodes_clear_nothing():
-    forest = Masked.of([grown(spec_of("CartPole-v1"), 3, 0)], 2)
+    forest = BitmaskTrees.of([grown(spec_of("CartPole-v1"), 3, 0)], 2)
     assert (forest.mask[0, 2:] == ALL).all()
     assert (forest.mask[1] == ALL).all()
     assert forest.num_blocks == 1

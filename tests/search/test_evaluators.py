@@ -1,4 +1,4 @@
-"""The arena: what a plain loop brings, for every tree and episode, whatever else is played.
+"""The evaluator: what a plain loop brings, for every tree and episode, whatever else is played.
 
 The loop is the oracle: it asks `DecisionTree.predict` for one observation at a time and steps one environment.
 """
@@ -14,10 +14,10 @@ from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.play import WORDS, episode_seed, play
-from sympol.search.evaluators import batched_rollouts as lanes
+from sympol.search.evaluators import jax as batched
 from sympol.search.evaluators import jax as compiled
-from sympol.search.evaluators.base import Arena, Played, make_arena
-from sympol.search.evaluators.bitmask_trees import MAX_LEAVES
+from sympol.search.evaluators.base import Evaluator, Returns, make_evaluator
+from sympol.search.evaluators.packed_trees import MAX_LEAVES
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 
 from .loops import SEED, assert_same, grown, jax_loop, looped, of_parity, spec_of
@@ -36,35 +36,35 @@ from .worlds import Broken, Endless, NoisyWalk
 )
 def test_every_tree_gets_what_a_plain_loop_gets(env, exact, episodes):
     spec = resolve(env)
-    arena = make_arena(spec, SEED)
+    evaluator = make_evaluator(spec, SEED)
     crowd = [grown(spec, 1 + seed % MAX_LEAVES, seed) for seed in range(160)]
-    in_crowd = arena.play(crowd, episodes)
+    in_crowd = evaluator.play(crowd, episodes)
     # of random trees most play alike: look at some that do not
     unlike = np.unique(in_crowd.lengths * 1000 + in_crowd.returns, axis=0, return_index=True)[1]
     some = unlike[:: max(1, len(unlike) // 5)]
     trees = [crowd[i] for i in some] + [grown(spec, 45, 9)]
     theirs = looped(spec, trees, episodes)
-    by_links = arena.play(trees, episodes)
+    by_links = evaluator.play(trees, episodes)
     assert_same(by_links, theirs, exact=exact)
     np.testing.assert_array_equal(by_links.returns[:-1], in_crowd.returns[some])
     np.testing.assert_array_equal(by_links.lengths[:-1], in_crowd.lengths[some])
-    assert arena.steps == in_crowd.lengths.sum() + by_links.lengths.sum()
+    assert evaluator.steps == in_crowd.lengths.sum() + by_links.lengths.sum()
     assert len(unlike) > 4, "all trees play alike: this tests nothing"
 
 
-def compiled_case() -> tuple[Arena, list[DecisionTree]]:
+def compiled_case() -> tuple[Evaluator, list[DecisionTree]]:
     spec = spec_of("CartPole-v1")
-    return make_arena(spec, SEED), [grown(spec, 2 + n, n) for n in range(12)]
+    return make_evaluator(spec, SEED), [grown(spec, 2 + n, n) for n in range(12)]
 
 
-def host_case() -> tuple[Arena, list[DecisionTree]]:
+def host_case() -> tuple[Evaluator, list[DecisionTree]]:
     spec = resolve("CartPole-v1", backend="host")
-    return make_arena(spec, SEED), [grown(spec, 2 + n, n) for n in range(12)]
+    return make_evaluator(spec, SEED), [grown(spec, 2 + n, n) for n in range(12)]
 
 
-def native_case() -> tuple[Arena, list[DecisionTree]]:
+def native_case() -> tuple[Evaluator, list[DecisionTree]]:
     spec = resolve("LunarLander-v3", backend="native")
-    return make_arena(spec, SEED), [grown(spec, 2 + n, n) for n in range(6)]
+    return make_evaluator(spec, SEED), [grown(spec, 2 + n, n) for n in range(6)]
 
 
 EVERYWHERE = pytest.mark.parametrize(
@@ -74,14 +74,14 @@ EVERYWHERE = pytest.mark.parametrize(
 
 @EVERYWHERE
 def test_an_episode_is_the_same_whatever_else_is_in_the_call(case):
-    arena, trees = case()
-    all_of_them = arena.play(trees, range(40, 60))
+    evaluator, trees = case()
+    all_of_them = evaluator.play(trees, range(40, 60))
     for some, episodes in (
         (trees[::-1], range(40, 60)),
         (trees[2:4], range(45, 47)),
         (trees[:1] * 3, range(59, 60)),
     ):
-        again = arena.play(some, episodes)
+        again = evaluator.play(some, episodes)
         where = [trees.index(tree) for tree in some]
         columns = slice(episodes.start - 40, episodes.stop - 40)
         np.testing.assert_array_equal(again.returns, all_of_them.returns[where, columns])
@@ -91,82 +91,82 @@ def test_an_episode_is_the_same_whatever_else_is_in_the_call(case):
 
 @EVERYWHERE
 def test_observations_are_those_that_the_tree_acts_on(case):
-    arena, trees = case()
+    evaluator, trees = case()
     # 16 are watched at once; 21 are one and a bit
-    lengths = arena.play(trees[3:4], range(5, 26)).lengths[0]
-    before = arena.steps
-    seen = arena.observe(trees[3], range(5, 26))
-    assert arena.steps - before == len(seen) == lengths.sum()
+    lengths = evaluator.play(trees[3:4], range(5, 26)).lengths[0]
+    before = evaluator.steps
+    seen = evaluator.observe(trees[3], range(5, 26))
+    assert evaluator.steps - before == len(seen) == lengths.sum()
     assert seen.dtype == np.float32
     ends = np.cumsum(lengths)
     for episode in (0, 15, 16, 20):
-        alone = arena.observe(trees[3], range(5 + episode, 6 + episode))
+        alone = evaluator.observe(trees[3], range(5 + episode, 6 + episode))
         np.testing.assert_array_equal(alone, seen[ends[episode] - lengths[episode] : ends[episode]])
 
 
 @EVERYWHERE
 def test_episodes_to_search_with_are_not_those_to_choose_with(case):
-    arena, trees = case()
-    others = [make_arena(arena.spec, SEED, "validation"), make_arena(arena.spec, SEED + 1)]
-    first = [each.observe(trees[0], range(4)) for each in (arena, *others)]
+    evaluator, trees = case()
+    others = [make_evaluator(evaluator.spec, SEED, "validation"), make_evaluator(evaluator.spec, SEED + 1)]
+    first = [each.observe(trees[0], range(4)) for each in (evaluator, *others)]
     starts = [{row.tobytes() for row in rows} for rows in first]
     assert not starts[0] & starts[1]
     assert not starts[0] & starts[2]
-    again = type(arena)(arena.spec, SEED).observe(trees[0], range(4))
+    again = type(evaluator)(evaluator.spec, SEED).observe(trees[0], range(4))
     np.testing.assert_array_equal(again, first[0])
 
 
 def test_what_a_compiled_arena_shows_is_what_the_loop_sees():
-    arena, trees = compiled_case()
-    seen = [row for episode in range(3) for row in jax_loop(arena.spec, trees[5], episode)[2]]
-    np.testing.assert_array_equal(arena.observe(trees[5], range(3)), np.stack(seen))
+    evaluator, trees = compiled_case()
+    seen = [row for episode in range(3) for row in jax_loop(evaluator.spec, trees[5], episode)[2]]
+    np.testing.assert_array_equal(evaluator.observe(trees[5], range(3)), np.stack(seen))
 
 
 def test_more_than_one_call_holds_is_done_in_several(monkeypatch):
-    arena, trees = compiled_case()
-    whole = arena.play(trees, range(2, 9))
+    evaluator, trees = compiled_case()
+    whole = evaluator.play(trees, range(2, 9))
     monkeypatch.setattr(compiled, "MAX_TREES", 5)
-    by_trees = arena.play(trees, range(2, 9))
+    by_trees = evaluator.play(trees, range(2, 9))
     monkeypatch.setattr(compiled, "MAX_JOBS", 3)
-    by_episodes = arena.play(trees[:4], range(2, 9))
+    by_episodes = evaluator.play(trees[:4], range(2, 9))
     assert_same(by_trees, whole)
-    assert_same(by_episodes, Played(whole.returns[:4], whole.lengths[:4]))
+    assert_same(by_episodes, Returns(whole.returns[:4], whole.lengths[:4]))
 
 
 def test_more_episodes_than_a_call_holds():
-    arena, trees = compiled_case()
-    worst = [min(trees, key=lambda tree: arena.play([tree], range(8)).lengths.mean())]
-    played = arena.play(worst, range(lanes.MAX_JOBS + 40))
-    assert played.lengths.shape == (1, lanes.MAX_JOBS + 40)
+    evaluator, trees = compiled_case()
+    worst = [min(trees, key=lambda tree: evaluator.play([tree], range(8)).lengths.mean())]
+    played = evaluator.play(worst, range(batched.MAX_JOBS + 40))
+    assert played.lengths.shape == (1, batched.MAX_JOBS + 40)
     assert played.lengths.min() >= 1
     for last in (
-        range(lanes.MAX_JOBS - 2, lanes.MAX_JOBS + 3),
-        range(lanes.MAX_JOBS + 35, lanes.MAX_JOBS + 40),
+        range(batched.MAX_JOBS - 2, batched.MAX_JOBS + 3),
+        range(batched.MAX_JOBS + 35, batched.MAX_JOBS + 40),
     ):
         np.testing.assert_array_equal(
-            arena.play(worst, last).lengths, played.lengths[:, last.start : last.stop]
+            evaluator.play(worst, last).lengths, played.lengths[:, last.start : last.stop]
         )
 
 
 def test_an_environment_without_a_clock_gets_one(monkeypatch):
-    monkeypatch.setattr(lanes, "MAX_EPISODE_STEPS", 37)
-    lanes.player.cache_clear()
-    lanes.watcher.cache_clear()
+    monkeypatch.setattr(batched, "MAX_EPISODE_STEPS", 37)
+    batched.compile_play.cache_clear()
+    batched.compile_observe.cache_clear()
     spec = resolve(Endless())
     right, wrong = (of_parity(spec, swapped) for swapped in (False, True))
-    arena = make_arena(spec, SEED)
-    played = arena.play([right, wrong], range(3))
+    evaluator = make_evaluator(spec, SEED)
+    played = evaluator.play([right, wrong], range(3))
     np.testing.assert_array_equal(played.lengths, np.full((2, 3), 37))
     np.testing.assert_array_equal(played.returns, [[37] * 3, [0] * 3])
-    np.testing.assert_array_equal(arena.observe(right, range(1))[:, 0], np.arange(37) % 2)
-    lanes.player.cache_clear()
-    lanes.watcher.cache_clear()
+    np.testing.assert_array_equal(evaluator.observe(right, range(1))[:, 0], np.arange(37) % 2)
+    batched.compile_play.cache_clear()
+    batched.compile_observe.cache_clear()
 
 
 def test_returns_are_distributed_as_on_gymnasium():
     spec = spec_of("CartPole-v1")
     balances = _leaning(spec)
-    ours = make_arena(spec, SEED).play([balances], range(400)).returns[0]
+    ours = make_evaluator(spec, SEED).play([balances], range(400)).returns[0]
     theirs = play(balances, spec, 200, seed=SEED, purpose="refine").returns
     error = np.sqrt(ours.var() / len(ours) + theirs.var() / len(theirs))
     assert abs(ours.mean() - theirs.mean()) < 4 * error
@@ -191,30 +191,30 @@ def test_seeds_are_never_a_test_s():
 
 @EVERYWHERE
 def test_what_cannot_be_played_is_refused(case):
-    arena, trees = case()
+    evaluator, trees = case()
     with pytest.raises(ValueError, match="0 trees and 3 episodes"):
-        arena.play([], range(3))
+        evaluator.play([], range(3))
     with pytest.raises(ValueError, match="1 trees and 0 episodes"):
-        arena.play(trees[:1], range(3, 3))
+        evaluator.play(trees[:1], range(3, 3))
     for episodes in (range(0, 9, 2), range(-3, 4), range(2**31, 2**31 + 2)):
         with pytest.raises(ValueError, match="consecutive numbers between 0 and 2147483647"):
-            arena.play(trees[:1], episodes)
+            evaluator.play(trees[:1], episodes)
     other = grown(spec_of("Pendulum-v1"), 3, 0)
     with pytest.raises(ValueError, match="a tree of 3 features cannot play"):
-        arena.observe(other, range(3))
-    assert arena.steps == 0
+        evaluator.observe(other, range(3))
+    assert evaluator.steps == 0
 
 
 def test_a_tree_for_other_actions_is_refused():
     spec = spec_of("CartPole-v1")
-    arena, names = make_arena(spec, SEED), spec.features.names
+    evaluator, names = make_evaluator(spec, SEED), spec.features.names
     others = [DiscreteActions(2, start=1), BoxActions((-1, -1), (1, 1), (2,)), DiscreteActions(3)]
     for actions in others:
         tree = DecisionTree.from_complete(
             np.array([2]), np.array([0.0]), np.eye(2, actions.n_outputs), actions=actions, feature_names=names
         )
         with pytest.raises(ValueError, match="cannot play CartPole-v1"):
-            arena.play([tree], range(2))
+            evaluator.play([tree], range(2))
     named = DecisionTree.from_complete(
         np.array([2]),
         np.array([0.0]),
@@ -222,20 +222,20 @@ def test_a_tree_for_other_actions_is_refused():
         actions=DiscreteActions(2, ("links", "rechts")),
         feature_names=names,
     )
-    assert arena.play([named], range(1)).returns.shape == (1, 1)
+    assert evaluator.play([named], range(1)).returns.shape == (1, 1)
 
 
 def test_a_seed_or_purpose_that_there_is_not():
     spec: Any = spec_of("CartPole-v1")
     for seed in (-1, 2**32):
         with pytest.raises(ValueError, match="seed must be between 0"):
-            make_arena(spec, seed)
+            make_evaluator(spec, seed)
     purpose: Any = "test"
     with pytest.raises(ValueError, match="refine, validation, got 'test'"):
-        make_arena(spec, 0, purpose)
+        make_evaluator(spec, 0, purpose)
 
 
 def test_rewards_that_are_no_numbers():
     spec = resolve(Broken())
     with pytest.raises(EnvironmentFailure, match=r"not finite in float32: tree 0 in episode 4 got inf"):
-        make_arena(spec, SEED).play([of_parity(spec, False)], range(4, 6))
+        make_evaluator(spec, SEED).play([of_parity(spec, False)], range(4, 6))

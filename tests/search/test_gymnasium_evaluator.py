@@ -1,4 +1,4 @@
-"""The arena on the host: what Gymnasium's own loop brings."""
+"""The evaluator on the host: what Gymnasium's own loop brings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from sympol.envs.registry import resolve
 from sympol.play import episode_seed, play
 from sympol.search.evaluators import gymnasium as hosted
-from sympol.search.evaluators.base import make_arena
+from sympol.search.evaluators.base import make_evaluator
 
 from .loops import SEED, grown
 
@@ -20,9 +20,9 @@ def test_on_gymnasium_it_is_what_play_brings():
     """Validation episodes have the seeds that `sympol.play` gives them: the same returns, to the bit."""
     spec = resolve("CartPole-v1", backend="host")
     trees = [grown(spec, n, n) for n in (2, 5, 40)]
-    arena = make_arena(spec, SEED, "validation")
-    assert isinstance(arena, hosted.HostArena)
-    played = arena.play(trees, range(50))
+    evaluator = make_evaluator(spec, SEED, "validation")
+    assert isinstance(evaluator, hosted.GymnasiumEvaluator)
+    played = evaluator.play(trees, range(50))
     for tree, returns, lengths in zip(trees, *played, strict=True):
         there = play(tree, spec, 50, seed=SEED, purpose="validation")
         np.testing.assert_array_equal(returns, there.returns)
@@ -56,9 +56,9 @@ def test_any_observations_and_actions_and_the_clock_of_the_arena(one_copy):
     spec = resolve(Counter() if one_copy else Counter)
     assert spec.has_one_copy is one_copy
     trees, limit = [grown(spec, n, n) for n in (2, 6, 12)], 60
-    arena = hosted.HostArena(spec, SEED)
-    arena._limit = limit
-    played = arena.play(trees, range(4, 7))
+    evaluator = hosted.GymnasiumEvaluator(spec, SEED)
+    evaluator._limit = limit
+    played = evaluator.play(trees, range(4, 7))
     for i, tree in enumerate(trees):
         for j, episode in enumerate(range(4, 7)):
             env, seen = Counter(), []
@@ -69,4 +69,6 @@ def test_any_observations_and_actions_and_the_clock_of_the_arena(one_copy):
                 total += reward
             assert played.returns[i, j] == np.float32(total)
             assert played.lengths[i, j] == len(seen)
-            np.testing.assert_array_equal(arena.observe(tree, range(episode, episode + 1)), np.stack(seen))
+            np.testing.assert_array_equal(
+                evaluator.observe(tree, range(episode, episode + 1)), np.stack(seen)
+            )

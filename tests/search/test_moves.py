@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sympol.search.moves import Leaf, Moves, Split, paths, plain, put, size, tree_of
+from sympol.search.mutations import (
+    Leaf,
+    Mutator,
+    Split,
+    from_nested,
+    nodes_with_paths,
+    num_nodes,
+    replace_at,
+    to_nested,
+)
 from sympol.trees import DecisionTree
 from sympol.trees.actions import BoxActions, DiscreteActions, MultiDiscreteActions
 
@@ -38,8 +47,8 @@ def seen(seed=0):
 @pytest.mark.parametrize("actions", KINDS.values(), ids=KINDS)
 def test_there_and_back_is_the_same_tree(actions):
     tree = complete(actions)
-    assert tree_of(plain(tree), tree) == tree
-    assert size(plain(tree)) == tree.n_nodes
+    assert from_nested(to_nested(tree), tree) == tree
+    assert num_nodes(to_nested(tree)) == tree.n_nodes
 
 
 def test_the_nested_tree_answers_as_the_tree_does():
@@ -51,39 +60,43 @@ def test_the_nested_tree_answers_as_the_tree_does():
         return node.value
 
     for x in seen():
-        np.testing.assert_array_equal(np.float32(answer(plain(tree), x)), tree.value[tree.apply(x)])
+        np.testing.assert_array_equal(np.float32(answer(to_nested(tree), x)), tree.value[tree.apply(x)])
 
 
 def test_a_path_leads_where_a_subtree_is_put():
-    root = plain(complete(KINDS["discrete"]))
+    root = to_nested(complete(KINDS["discrete"]))
     new = Leaf((9.0, 9.0, 9.0))
-    for path, _ in paths(root):
-        changed = put(root, path, new)
-        assert dict(paths(changed))[path] is new
-        others = {p: n for p, n in paths(root) if p[: len(path)] != path and path[: len(p)] != p}
-        assert all(dict(paths(changed))[p] is n for p, n in others.items())
+    for path, _ in nodes_with_paths(root):
+        changed = replace_at(root, path, new)
+        assert dict(nodes_with_paths(changed))[path] is new
+        others = {p: n for p, n in nodes_with_paths(root) if p[: len(path)] != path and path[: len(p)] != p}
+        assert all(dict(nodes_with_paths(changed))[p] is n for p, n in others.items())
 
 
 @pytest.mark.parametrize("actions", KINDS.values(), ids=KINDS)
 def test_every_change_is_a_tree_that_asks_what_differs(actions):
-    rng, moves, like = np.random.default_rng(1), Moves.among(actions, seen()), complete(actions)
-    node, sizes = plain(like), set()
+    rng, mutator, like = (
+        np.random.default_rng(1),
+        Mutator.for_observations(actions, seen()),
+        complete(actions),
+    )
+    node, sizes = to_nested(like), set()
     for _ in range(400):
-        node = moves.change(node, [plain(like)], rng)
-        if size(node) > 41:
-            node = moves.leaf(rng)
-        sizes.add(size(node))
-        tree = tree_of(node, like)  # checks that it is one
+        node = mutator.mutate(node, [to_nested(like)], rng)
+        if num_nodes(node) > 41:
+            node = mutator.random_leaf(rng)
+        sizes.add(num_nodes(node))
+        tree = from_nested(node, like)  # checks that it is one
         assert len(tree.predict(seen()[:5])) == 5
     assert {1, 3, 5, 7} <= sizes  # they grow and shrink
 
 
 def test_a_question_lies_between_two_values_that_were_seen():
-    rng, moves = np.random.default_rng(2), Moves.among(KINDS["discrete"], seen())
+    rng, mutator = np.random.default_rng(2), Mutator.for_observations(KINDS["discrete"], seen())
     asked = set()
     for _ in range(300):
-        node = moves.change(Leaf((0.0, 0.0, 0.0)), [Leaf((1.0, 0.0, 0.0))], rng)
-        for _, split in paths(node):
+        node = mutator.mutate(Leaf((0.0, 0.0, 0.0)), [Leaf((1.0, 0.0, 0.0))], rng)
+        for _, split in nodes_with_paths(node):
             if isinstance(split, Split):
                 asked.add(split.feature)
                 if split.feature == 2:
@@ -92,33 +105,36 @@ def test_a_question_lies_between_two_values_that_were_seen():
 
 
 def test_continuous_answers_stay_within_the_bounds():
-    rng, moves = np.random.default_rng(3), Moves.among(KINDS["box"], seen())
-    node = moves.leaf(rng)
+    rng, mutator = np.random.default_rng(3), Mutator.for_observations(KINDS["box"], seen())
+    node = mutator.random_leaf(rng)
     for _ in range(300):
-        node = moves.change(node, [node], rng)
-        if size(node) > 21:
-            node = moves.leaf(rng)
-        for _, leaf in paths(node):
+        node = mutator.mutate(node, [node], rng)
+        if num_nodes(node) > 21:
+            node = mutator.random_leaf(rng)
+        for _, leaf in nodes_with_paths(node):
             if isinstance(leaf, Leaf):
                 assert -2 <= leaf.value[0] <= 2
                 assert leaf.value[1] >= 0
 
 
 def test_the_same_generator_draws_the_same_changes():
-    moves, root = Moves.among(KINDS["discrete"], seen()), plain(complete(KINDS["discrete"]))
-    one, other = (moves.change(root, [root], np.random.default_rng(5)) for _ in range(2))
+    mutator, root = (
+        Mutator.for_observations(KINDS["discrete"], seen()),
+        to_nested(complete(KINDS["discrete"])),
+    )
+    one, other = (mutator.mutate(root, [root], np.random.default_rng(5)) for _ in range(2))
     assert one == other
 
 
 def test_where_nothing_differs_there_is_nothing_to_ask():
     with pytest.raises(ValueError, match="5 observations are all the same"):
-        Moves.among(KINDS["discrete"], np.ones((5, 4), np.float32))
+        Mutator.for_observations(KINDS["discrete"], np.ones((5, 4), np.float32))
 
 
 def test_where_there_is_one_gap_another_question_is_asked():
-    rng, moves = np.random.default_rng(5), Moves.among(KINDS["discrete"], seen())
+    rng, mutator = np.random.default_rng(5), Mutator.for_observations(KINDS["discrete"], seen())
     root = Split(2, 0.5, Leaf((1.0, 0.0, 0.0)), Leaf((0.0, 1.0, 0.0)))
-    changed = [moves.change(root, [root], rng) for _ in range(400)]
+    changed = [mutator.mutate(root, [root], rng) for _ in range(400)]
     # the same question may be drawn again, and a subtree may take its own place
     assert sum(node == root for node in changed) < 60
     assert {node.feature for node in changed if isinstance(node, Split)} == {0, 1, 2}

@@ -1,4 +1,4 @@
-"""The arena in machine code: what copies that are stepped one by one bring."""
+"""The evaluator in machine code: what copies that are stepped one by one bring."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import pytest
 from sympol.envs.lunar_lander.flights import Flights, engines
 from sympol.envs.registry import resolve
 from sympol.play import episode_seed
-from sympol.search.evaluators.base import make_arena
-from sympol.search.evaluators.native import FlownArena
-from sympol.search.insertions import grown as planted
-from sympol.search.insertions import sprouts
+from sympol.search.evaluators.base import make_evaluator
+from sympol.search.evaluators.native import NativeEvaluator
+from sympol.search.insert_splits import apply_insertions as planted
+from sympol.search.insert_splits import sample_insertions
 
 from .loops import SEED, grown
 
@@ -20,9 +20,9 @@ from .loops import SEED, grown
 def test_whole_episodes_are_those_of_single_steps(name):
     spec = resolve(name, backend="native")
     trees, episodes, every = [grown(spec, n, n) for n in (3, 20)], range(70, 75), np.ones(1, bool)
-    arena = make_arena(spec, SEED)
-    assert isinstance(arena, FlownArena)
-    played = arena.play(trees, episodes)
+    evaluator = make_evaluator(spec, SEED)
+    assert isinstance(evaluator, NativeEvaluator)
+    played = evaluator.play(trees, episodes)
     for i, tree in enumerate(trees):
         for j, episode in enumerate(episodes):
             flight = Flights(np.array([episode_seed(SEED, episode, "refine")], np.uint64))
@@ -34,7 +34,9 @@ def test_whole_episodes_are_those_of_single_steps(name):
                 over = bool(moved.terminated[0] or moved.truncated[0])
             assert played.lengths[i, j] == len(seen)
             assert played.returns[i, j] == np.float32(total)
-            np.testing.assert_array_equal(arena.observe(tree, range(episode, episode + 1)), np.stack(seen))
+            np.testing.assert_array_equal(
+                evaluator.observe(tree, range(episode, episode + 1)), np.stack(seen)
+            )
 
 
 def test_threads_change_nothing(monkeypatch):
@@ -43,7 +45,7 @@ def test_threads_change_nothing(monkeypatch):
     played = []
     for threads in ("1", "3"):
         monkeypatch.setenv("PJRT_NPROC", threads)
-        played.append(make_arena(spec, SEED).play(trees, range(8)))
+        played.append(make_evaluator(spec, SEED).play(trees, range(8)))
     for one, other in zip(*played, strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -53,12 +55,12 @@ def test_what_trees_do_alike_is_flown_once(name, monkeypatch):
     monkeypatch.setenv("PJRT_NPROC", "2")
     spec, episodes = resolve(name, backend="native"), range(90, 103)
     tree = grown(spec, 20, 20)
-    seen = make_arena(spec, SEED).observe(tree, episodes)
+    seen = make_evaluator(spec, SEED).observe(tree, episodes)
     rng = np.random.default_rng(0)
-    others = [planted(tree, [sprout]) for sprout in sprouts(tree, seen, 12, rng)]
+    others = [planted(tree, [insertion]) for insertion in sample_insertions(tree, seen, 12, rng)]
     others += [grown(spec, 3, 3), tree]
-    arena, whole = make_arena(spec, SEED), make_arena(spec, SEED)
-    played, expected = arena.play_changed(tree, others, episodes), whole.play([tree, *others], episodes)
+    evaluator, whole = make_evaluator(spec, SEED), make_evaluator(spec, SEED)
+    played, expected = evaluator.play_variants(tree, others, episodes), whole.play([tree, *others], episodes)
     for ours, theirs in zip(played, expected, strict=True):
         np.testing.assert_array_equal(ours, theirs)
     # of each whatever comes after it first acted otherwise, and all of the first
@@ -69,4 +71,4 @@ def test_what_trees_do_alike_is_flown_once(name, monkeypatch):
         for i, length in enumerate(lengths.tolist()):
             where = np.flatnonzero(differs[at[i] : at[i + 1]])
             alone += length - int(where[0]) if len(where) else 0
-    assert arena.steps == alone < whole.steps
+    assert evaluator.steps == alone < whole.steps

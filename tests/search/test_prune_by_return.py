@@ -1,4 +1,4 @@
-"""Pruning by return: against brute force in an arena whose returns can be worked out."""
+"""Pruning by return: against brute force in an evaluator whose returns can be worked out."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sympol.search.prune_by_return import Effort, chain, effort_of, shrink
-from sympol.search.prunings import cut_at, cuts
+from sympol.search.prune_by_return import Effort, default_effort, prune_by_return, prune_path
+from sympol.search.prunings import apply_prunings, prune_moves
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 from sympol.trees.edit import graft, leaf_tree, split_tree, subtree, subtree_end
 from tests.search.bandit import LENGTH, Bandit
@@ -23,7 +23,7 @@ FULL = Effort(candidates=1000, first=16, last=16, watched=16)
 
 
 def drawn(rng: np.random.Generator, kind: str = "discrete", depth: int = 4) -> DecisionTree:
-    """A random tree; the arena's observations know no bounds."""
+    """A random tree; the evaluator's observations know no bounds."""
     tree, nowhere = random_tree(rng, ACTIONS[kind], depth), np.full(3, np.inf)
     return replace(tree, feature_low=-nowhere, feature_high=nowhere, n_node_samples=None)
 
@@ -46,11 +46,11 @@ def test_a_cut_sends_everything_one_way_and_says_what_that_changes(kind):
     tree = drawn(rng, kind, 3)
     x = rng.normal(size=(150, 3)).astype(np.float32)
     before = tree.predict(x).reshape(len(x), -1)
-    found = cuts(tree, x)
+    found = prune_moves(tree, x)
     assert [cut.change for cut in found] == sorted(cut.change for cut in found)
     plain = 0
     for cut in found:
-        small = cut_at(tree, [cut])
+        small = apply_prunings(tree, [cut])
         assert small.n_nodes == tree.n_nodes - cut.removed
         after = small.predict(x).reshape(len(x), -1)
         if kind == "box":
@@ -60,7 +60,7 @@ def test_a_cut_sends_everything_one_way_and_says_what_that_changes(kind):
         assert cut.change == pytest.approx(change)
         children = (int(tree.children_left[cut.node]), int(tree.children_right[cut.node]))
         for child in children:
-            if small == cut_at(tree, [cut._replace(part=subtree(tree, child))]):
+            if small == apply_prunings(tree, [cut._replace(part=subtree(tree, child))]):
                 leaves = walked(tree, x, cut.node, child)
                 np.testing.assert_array_equal(small.predict(x), tree.actions.decide(tree.value[leaves]))
                 plain += 1
@@ -81,14 +81,14 @@ def test_other_answers_are_the_nearest_to_what_was_done(kind):
         return float(np.square(differs).sum() if kind == "box" else differs.any(axis=1).sum())
 
     refitted = 0
-    for cut in cuts(tree, x):
+    for cut in prune_moves(tree, x):
         if cut.part in sides:
             continue
         children = (int(tree.children_left[cut.node]), int(tree.children_right[cut.node]))
         as_it_was = next(
             part for child in children if _questions(part := subtree(tree, child)) == _questions(cut.part)
         )
-        before, small = (cut_at(tree, [cut._replace(part=part)]) for part in (as_it_was, cut.part))
+        before, small = (apply_prunings(tree, [cut._replace(part=part)]) for part in (as_it_was, cut.part))
         leaves = small.apply(x)
         for leaf in np.unique(leaves):
             if (small.value[leaf] != before.value[leaf]).any():
@@ -108,27 +108,30 @@ def test_of_cuts_within_each_other_the_outer_counts():
     rng = np.random.default_rng(2)
     tree = drawn(rng)
     x = rng.normal(size=(50, 3)).astype(np.float32)
-    found = {cut.node: cut for cut in cuts(tree, x)}
+    found = {cut.node: cut for cut in prune_moves(tree, x)}
     outer, inner, behind = found[1], found[2], found[tree.children_right[0]]
     assert subtree_end(tree, 1) > 2
-    both = cut_at(tree, [inner, behind, outer])
+    both = apply_prunings(tree, [inner, behind, outer])
     assert both == graft(graft(tree, behind.node, behind.part), 1, outer.part)
-    assert cut_at(tree, [outer, inner]) == cut_at(tree, [outer])
+    assert apply_prunings(tree, [outer, inner]) == apply_prunings(tree, [outer])
 
 
 @pytest.mark.parametrize("kind", ACTIONS)
 def test_a_step_makes_the_cut_that_costs_least(kind):
     rng = np.random.default_rng(3)
     teacher = drawn(rng, kind, 3)
-    arena = Bandit(teacher, seed=1)
+    evaluator = Bandit(teacher, seed=1)
     tree = teacher.prune(bounds=False)
-    tree = tree.prune(observations=arena.observe(tree, range(16)))
-    found = chain(tree, arena, smallest=1, effort=FULL)
+    tree = tree.prune(observations=evaluator.observe(tree, range(16)))
+    found = prune_path(tree, evaluator, smallest=1, effort=FULL)
     for big, small in itertools.pairwise(found):
-        options = [cut_at(big.tree, [cut]) for cut in cuts(big.tree, arena.observe(big.tree, range(16)))]
-        means = [arena.returns_of(option, range(16)).mean(dtype=float) for option in options]
-        chosen = arena.returns_of(small.tree, range(16)).mean(dtype=float)
-        idle = big.tree.prune(observations=arena.observe(big.tree, range(16))).n_nodes < big.tree.n_nodes
+        options = [
+            apply_prunings(big.tree, [cut])
+            for cut in prune_moves(big.tree, evaluator.observe(big.tree, range(16)))
+        ]
+        means = [evaluator.returns_of(option, range(16)).mean(dtype=float) for option in options]
+        chosen = evaluator.returns_of(small.tree, range(16)).mean(dtype=float)
+        idle = big.tree.prune(observations=evaluator.observe(big.tree, range(16))).n_nodes < big.tree.n_nodes
         assert idle or chosen == pytest.approx(max(means))
 
 
@@ -136,28 +139,28 @@ def test_a_step_makes_the_cut_that_costs_least(kind):
 def test_a_chain_falls_from_the_tree_to_a_leaf_and_knows_its_returns(kind):
     rng = np.random.default_rng(4)
     tree = drawn(rng, kind, 5)
-    arena = Bandit(tree, seed=2)
+    evaluator = Bandit(tree, seed=2)
     told = []
-    found = chain(tree, arena, effort=QUICK, first_episode=50, progress=told.append)
+    found = prune_path(tree, evaluator, effort=QUICK, first_episode=50, progress=told.append)
     sizes = [each.tree.n_nodes for each in found]
     assert sizes == sorted({*sizes}, reverse=True)
     assert sizes[-1] == 1
     assert found[0].tree == tree.prune()
     assert [each.tree for each in told] == [each.tree for each in found]
     for each in found:
-        np.testing.assert_array_equal(each.returns, arena.returns_of(each.tree, range(82, 114)))
+        np.testing.assert_array_equal(each.returns, evaluator.returns_of(each.tree, range(82, 114)))
         assert each.tree.prune() == each.tree
-    again = chain(tree, Bandit(tree, seed=2), effort=QUICK, first_episode=50)
+    again = prune_path(tree, Bandit(tree, seed=2), effort=QUICK, first_episode=50)
     assert [each.tree for each in again] == [each.tree for each in found]
 
 
 @pytest.mark.parametrize("most", [1, 3, 5, 9, 21])
 def test_it_is_never_larger_than_it_may_be_and_no_smaller_than_it_is(most):
     tree = drawn(np.random.default_rng(5), depth=6)
-    found = shrink(tree, Bandit(tree), max_nodes=most, effort=QUICK).tree
+    found = prune_by_return(tree, Bandit(tree), max_nodes=most, effort=QUICK).tree
     assert found.n_nodes <= most
     small = tree.prune()
-    assert shrink(small, Bandit(tree), max_nodes=small.n_nodes, effort=QUICK).tree == small
+    assert prune_by_return(small, Bandit(tree), max_nodes=small.n_nodes, effort=QUICK).tree == small
 
 
 def overgrown(teacher: DecisionTree, rng: np.random.Generator) -> DecisionTree:
@@ -182,7 +185,7 @@ def test_what_earns_nothing_goes_and_the_rest_stays():
     rng, teacher = np.random.default_rng(6), teacher_of_seven()
     tree = overgrown(teacher, rng)
     assert tree.n_nodes == 7 + 6 * 2 + 2
-    found = shrink(tree, Bandit(teacher), effort=QUICK)
+    found = prune_by_return(tree, Bandit(teacher), effort=QUICK)
     assert found.tree == replace(teacher, n_node_samples=None)
     assert found.mean == LENGTH
 
@@ -191,45 +194,45 @@ def test_a_price_decides_what_a_node_is_worth():
     """Each question of the teacher's is worth about a quarter of the answers, two and a half for each of its nodes."""
     teacher = teacher_of_seven()
     sizes = [
-        shrink(teacher, Bandit(teacher), node_price=price, effort=QUICK).tree.n_nodes
+        prune_by_return(teacher, Bandit(teacher), node_price=price, effort=QUICK).tree.n_nodes
         for price in (0.0, 0.5, 3.5, 10.0)
     ]
     assert sizes[:2] == [7, 7]
     assert sizes[-1] == 1
     assert sizes == sorted(sizes, reverse=True)
-    both = shrink(teacher, Bandit(teacher), max_nodes=5, node_price=0.5, effort=QUICK)
+    both = prune_by_return(teacher, Bandit(teacher), max_nodes=5, node_price=0.5, effort=QUICK)
     assert both.tree.n_nodes == 5  # forced to five, and the price lets it stay there
 
 
 def test_where_nothing_may_be_lost_nothing_is_lost():
     for seed in range(5):
         tree = drawn(np.random.default_rng(seed), depth=5)
-        arena = Bandit(tree, seed)
-        found = shrink(tree, arena, effort=QUICK)
-        assert found.mean >= arena.returns_of(tree, range(32, 64)).mean() - 1e-6
+        evaluator = Bandit(tree, seed)
+        found = prune_by_return(tree, evaluator, effort=QUICK)
+        assert found.mean >= evaluator.returns_of(tree, range(32, 64)).mean() - 1e-6
 
 
 def test_what_can_not_be_seen_counts_for_nothing():
     tree = drawn(np.random.default_rng(7), depth=5)
     listed = np.random.default_rng(8).normal(size=(12, 3)).astype(np.float32)
-    found = chain(tree, Bandit(tree), effort=QUICK, observations=listed)
+    found = prune_path(tree, Bandit(tree), effort=QUICK, observations=listed)
     assert found[0].tree == tree.prune(observations=listed)
 
 
 def test_a_slow_arena_is_asked_for_less():
-    """Of each step the effort says how many cuts play, and how often."""
+    """Of each step the effort says how many moves play, and how often."""
     rng = np.random.default_rng(9)
     questions = rng.integers(12, size=127), 0.5 * rng.normal(size=127), rng.normal(size=(128, 3))
     tree = DecisionTree.from_complete(*questions, actions=DiscreteActions(3))
-    arena = Bandit(tree, hosted=True)
-    effort = effort_of(arena)
-    assert effort.candidates < effort_of(Bandit(tree)).candidates
-    found = chain(tree, arena, smallest=31)
-    assert max(number for number, _ in arena.calls) <= effort.candidates + 1
-    assert max(episodes.stop for _, episodes in arena.calls) <= 2 * effort.last
+    evaluator = Bandit(tree, hosted=True)
+    effort = default_effort(evaluator)
+    assert effort.candidates < default_effort(Bandit(tree)).candidates
+    found = prune_path(tree, evaluator, smallest=31)
+    assert max(number for number, _ in evaluator.calls) <= effort.candidates + 1
+    assert max(episodes.stop for _, episodes in evaluator.calls) <= 2 * effort.last
     rounds = 5 * effort.candidates * effort.first + 4 * effort.last  # each round plays as much as the first
-    assert arena.steps / LENGTH <= len(found) * rounds
-    assert len(found) < (found[0].tree.n_nodes - 31) / 2  # many cuts a step while it is large
+    assert evaluator.steps / LENGTH <= len(found) * rounds
+    assert len(found) < (found[0].tree.n_nodes - 31) / 2  # many prune_moves a step while it is large
 
 
 @pytest.mark.parametrize(
@@ -244,10 +247,10 @@ def test_a_slow_arena_is_asked_for_less():
 def test_what_makes_no_sense_is_refused(how, said):
     tree = teacher_of_seven()
     with pytest.raises(ValueError, match=re.escape(said)):
-        shrink(tree, Bandit(tree), **how)
+        prune_by_return(tree, Bandit(tree), **how)
 
 
 def test_a_tree_for_something_else_is_refused():
     tree = random_tree(np.random.default_rng(10), BoxActions((-1,), (1,), (1,)))
     with pytest.raises(ValueError, match="cannot play bandit"):
-        shrink(teacher_of_seven(), Bandit(tree))
+        prune_by_return(teacher_of_seven(), Bandit(tree))

@@ -51,9 +51,9 @@ def test_digits_are_those_that_a_reader_sees(x, digits):
 @pytest.mark.parametrize("seed", range(3))
 def test_it_earns_as_much_with_no_more_digits(kind, seed):
     tree = drawn(seed, kind)
-    arena = Bandit(tree, seed)
-    rounded = round_thresholds(tree, arena, effort=QUICK)
-    assert arena.returns_of(rounded, range(32)).mean() >= arena.returns_of(tree, range(32)).mean()
+    evaluator = Bandit(tree, seed)
+    rounded = round_thresholds(tree, evaluator, effort=QUICK)
+    assert evaluator.returns_of(rounded, range(32)).mean() >= evaluator.returns_of(tree, range(32)).mean()
     before, after = (
         sum(digits_of(x) for x in each.threshold[~each.is_leaf].tolist()) for each in (tree, rounded)
     )
@@ -67,9 +67,9 @@ def test_no_shorter_number_lies_between_what_was_seen():
     checked = 0
     for seed in range(6):
         tree = split(float(np.random.default_rng(seed).normal()))
-        arena = Bandit(tree, seed)
-        rounded = round_thresholds(tree, arena, effort=QUICK)
-        x = arena.seen_in(range(32))[:, 0]
+        evaluator = Bandit(tree, seed)
+        rounded = round_thresholds(tree, evaluator, effort=QUICK)
+        x = evaluator.seen_in(range(32))[:, 0]
         t, short = float(tree.threshold[0]), float(rounded.threshold[0])
         low, high = x[x <= t].max(), x[x > t].min()
         assert low <= short < high

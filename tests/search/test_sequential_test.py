@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sympol.search.scores import Scores
-from sympol.search.sequential_test import ALPHA, Comparison, compare, compare_trees, looks, upper_quantile
+from sympol.search.comparison import (
+    ALPHA,
+    Comparison,
+    ReturnCache,
+    compare,
+    compare_trees,
+    interim_sizes,
+    upper_quantile,
+)
 from sympol.trees import DiscreteActions
 from tests.search.bandit import Bandit
 from tests.trees.samples import random_tree
@@ -98,8 +105,8 @@ def test_it_asks_for_ever_more_episodes_up_to_the_last():
         return np.tile([1.0, -1.0], 500)[:number]
 
     compare(differences, first=32, last=200)
-    assert asked == looks(32, 200) == [32, 64, 128, 200]
-    assert looks(8, 8) == [8]
+    assert asked == interim_sizes(32, 200) == [32, 64, 128, 200]
+    assert interim_sizes(8, 8) == [8]
 
 
 @pytest.mark.parametrize(
@@ -121,40 +128,40 @@ def test_what_makes_no_sense_is_refused(how, said):
 def test_trees_are_compared_in_the_same_episodes_which_each_plays_once():
     rng = np.random.default_rng(4)
     teacher, other = (random_tree(rng, DiscreteActions(3)) for _ in range(2))
-    arena = Bandit(teacher)
-    scores = Scores(arena, first_episode=100)
+    evaluator = Bandit(teacher)
+    scores = ReturnCache(evaluator, first_episode=100)
     found = compare_trees(scores, teacher, other)
     episodes = range(100, 100 + found.episodes)
     assert found.answer == "worse"
-    differences = arena.returns_of(other, episodes) - arena.returns_of(teacher, episodes)
+    differences = evaluator.returns_of(other, episodes) - evaluator.returns_of(teacher, episodes)
     assert found.difference == pytest.approx(differences.mean())
-    steps = arena.steps
+    steps = evaluator.steps
     assert compare_trees(scores, teacher, other) == found
-    assert arena.steps == steps
+    assert evaluator.steps == steps
     assert compare_trees(scores, teacher, teacher.prune(bounds=False), last=64).answer == "equal"
 
 
 def test_scores_are_those_of_playing_in_whatever_order_they_are_asked_for():
     rng = np.random.default_rng(5)
     trees = [random_tree(rng, DiscreteActions(3)) for _ in range(4)]
-    arena = Bandit(trees[0])
-    scores = Scores(arena, 7)
+    evaluator = Bandit(trees[0])
+    scores = ReturnCache(evaluator, 7)
     scores.of(trees[1], 3)
     scores.of_all([trees[2], trees[1], trees[2]], 5)
-    want = [arena.returns_of(tree, range(7, 16)) for tree in trees]
+    want = [evaluator.returns_of(tree, range(7, 16)) for tree in trees]
     np.testing.assert_array_equal(scores.of_all(trees, 9), want)
     np.testing.assert_array_equal(scores.of(trees[3], 2), want[3][:2])
-    played = sum(number * len(episodes) for number, episodes in arena.calls)
+    played = sum(number * len(episodes) for number, episodes in evaluator.calls)
     assert played == 4 * 9
 
 
 def test_scores_are_the_same_by_whomever_trees_are_like():
     rng = np.random.default_rng(6)
     trees = [random_tree(rng, DiscreteActions(3)) for _ in range(4)]
-    arena = Bandit(trees[0])
-    scores = Scores(arena, 7)
+    evaluator = Bandit(trees[0])
+    scores = ReturnCache(evaluator, 7)
     scores.of(trees[0], 6)  # further than the others have come
     scores.of_all(trees[:3], 2, like=trees[0])
     scores.of_all(trees[1:], 4, like=trees[1])
-    want = [arena.returns_of(tree, range(7, 16)) for tree in trees]
+    want = [evaluator.returns_of(tree, range(7, 16)) for tree in trees]
     np.testing.assert_array_equal(scores.of_all(trees, 9, like=trees[0]), want)

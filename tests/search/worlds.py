@@ -1,4 +1,4 @@
-"""JAX environments for the arena: several choices at once, noise in each step, and a clock of the arena's own."""
+"""JAX environments for the evaluator: several choices at once, noise in each step, and a clock of its own."""
 
 from __future__ import annotations
 

@@ -22,8 +22,7 @@ from studies.galleries.fronts import (
 )
 
 from sympol.envs.registry import resolve
-from sympol.search.front.aggregate import summarise
-from sympol.search.front.front import Candidate, FrontError
+from sympol.search.front.front import EvaluatedCandidate, FrontError, best_under_sizes
 
 from ..search.front.synthetic import front, ladder, point
 
@@ -32,7 +31,8 @@ ROOT = Path(__file__).parents[2]
 
 def test_what_is_kept_is_read_again_without_what_was_only_tried(tmp_path):
     runs = [
-        replace(ladder(seed, shift=seed / 3), candidates=(Candidate(3, 1.0, "scratch"),)) for seed in (0, 4)
+        replace(ladder(seed, shift=seed / 3), candidates=(EvaluatedCandidate(3, 1.0, "scratch"),))
+        for seed in (0, 4)
     ]
     [path] = keep(runs, tmp_path)
     assert path == tmp_path / "studies" / "results" / "fronts" / "CartPole-v1.json"
@@ -147,7 +147,7 @@ def test_searches_by_some_roads_are_kept_apart_and_stand_beside_the_whole_ones(t
     assert parts[0] == [replace(run, candidates=()) for run in alone]
     text = page([tasks], [parts])
     rows = [line for line in text.splitlines() if line.startswith(("| scratch ", "| scratch + teacher"))]
-    best = [summarise(runs, [5])[0] for runs in (alone, whole)]
+    best = [best_under_sizes(runs, [5])[0] for runs in (alone, whole)]
     assert [row.split(" | ")[1:3] for row in (rows[0], rows[-1])] == [
         ["2", f"{of.mean:.1f} ± {of.std:.1f}"] for of in best
     ]
@@ -155,7 +155,7 @@ def test_searches_by_some_roads_are_kept_apart_and_stand_beside_the_whole_ones(t
 
 
 def test_a_road_cannot_write_on_the_page():
-    text = page([[front([point(3, 1.0, road="<script>|*x*")])]])
+    text = page([[front([point(3, 1.0, method="<script>|*x*")])]])
     assert "<script>" not in text
     assert r"&lt;script&gt;\|\*x\*" in text
 

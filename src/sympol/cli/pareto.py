@@ -8,12 +8,14 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
 
 from ..interrupts import interrupts
 from ..runs.lock import exclusive
 from ..runs.metadata import RunError, file_name
-from ..search.front.config import SHARES, Plan
+from ..search.front.config import SHARES, SearchConfig
 from ..threads import cores, use_one_thread
 from .arguments import EnvKwargs, Text, env_kwargs, parse
 from .console import err, out, print_steps, print_stopped, program
@@ -34,7 +36,7 @@ class Pareto:
 
     Two minutes, at most 15 nodes: sympol pareto CartPole-v1 --budget 2m --max-nodes 15
 
-    What training alone finds: sympol pareto CartPole-v1 --roads scratch
+    What training alone finds: sympol pareto CartPole-v1 --methods scratch
     """
 
     env: Text
@@ -50,7 +52,9 @@ class Pareto:
     seed: int = 0
     """Of everything random."""
 
-    roads: tuple[Literal["scratch", "teacher", "evolve"], ...] = tuple(SHARES)  # pyright: ignore[reportAssignmentType]
+    methods: Annotated[
+        tuple[Literal["scratch", "teacher", "evolve"], ...], tyro.conf.arg(aliases=["--roads"])
+    ] = tuple(SHARES)  # pyright: ignore[reportAssignmentType]
     """What to try: scratch (trees trained by PPO), teacher (an MLP, distilled, pruned, polished), evolve (changes
     at random of whatever the others found, or of random trees)."""
 
@@ -91,19 +95,19 @@ def run(words: Sequence[str]) -> int:
     given = parse(Pareto, "pareto", words)
 
     from ..envs.registry import resolve
-    from ..search.front.progress import Live
+    from ..search.front.progress import LiveProgress
     from ..search.front.search import PLAN, begin, search
 
     if given.workers < 0:
         raise ValueError(f"--workers must be at least 1, or 0 for one a core, got {given.workers}")
     use_one_thread()
-    plan = Plan(
+    plan = SearchConfig(
         env=given.env,
         env_kwargs=env_kwargs(given.env_kwargs),
         seed=given.seed,
         max_nodes=given.max_nodes,
         budget=given.budget,
-        roads=given.roads,
+        methods=given.methods,
         teacher=given.teacher,
         trainings=given.trainings,
         teachers=given.teachers,
@@ -125,7 +129,7 @@ def run(words: Sequence[str]) -> int:
         markup=False,
     )
     try:
-        with Live(plan, folder, err) as live:
+        with LiveProgress(plan, folder, err) as live:
             front = search(plan, folder, workers=given.workers or min(2, cores()), watch=live.watch)
     except KeyboardInterrupt:
         print_stopped(f"stopped; the same command goes on, as long as {shlex.quote(str(folder))} is there")
@@ -137,7 +141,7 @@ def run(words: Sequence[str]) -> int:
 def _show(front: Front, folder: Path, *, as_json: bool) -> None:
     from ..search.front.files import fields_of, point_fields
     from ..search.front.plot import plot
-    from ..search.front.tables import next_steps, spent_words, table
+    from ..search.front.tables import format_cost, next_steps, table
 
     picture = folder / PICTURE
     plot(front, picture)
@@ -146,5 +150,5 @@ def _show(front: Front, folder: Path, *, as_json: bool) -> None:
         print(json.dumps({**fields_of(front), "points": points, "folder": str(folder)}))
         return
     out.print(table(front))
-    out.print(f"\nall of it: {spent_words(front.spent)}", markup=False)
+    out.print(f"\nall of it: {format_cost(front.cost)}", markup=False)
     print_steps([*next_steps(front, folder, program()), (str(picture), "the picture")])

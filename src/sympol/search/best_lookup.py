@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from ..envs.capabilities import StateGraph, steps_to_goal
-from .evaluators.tabular import TableArena, path, play_table
+from .evaluators.tabular import TabularEvaluator, path, play_table
 from .evolve import Budget
 
 EPISODES = 1024
@@ -48,9 +48,9 @@ class Lookup(NamedTuple):
     """That were looked up."""
 
 
-def best_lookup(arena: TableArena, *, budget: Budget, seed: int = 0) -> Lookup:
+def best_lookup(evaluator: TabularEvaluator, *, budget: Budget, seed: int = 0) -> Lookup:
     """Search until nothing can be better, or the budget is spent. With a budget in steps, the same seed ends alike."""
-    search = _Search(arena.graph, arena.starts(range(EPISODES)), np.random.default_rng(seed))
+    search = _Search(evaluator.graph, evaluator.starts(range(EPISODES)), np.random.default_rng(seed))
     began = time.perf_counter()
     best, mean = search.begin(), -np.inf
     for act in search.policies():
@@ -64,7 +64,9 @@ def best_lookup(arena: TableArena, *, budget: Budget, seed: int = 0) -> Lookup:
         ):
             break
     seen = search.seen(best)
-    return Lookup(arena.graph.observations[seen], best[seen], mean, mean >= search.most - GAIN, search.steps)
+    return Lookup(
+        evaluator.graph.observations[seen], best[seen], mean, mean >= search.most - GAIN, search.steps
+    )
 
 
 class _Search:

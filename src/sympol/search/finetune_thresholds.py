@@ -27,40 +27,40 @@ from jaxtyping import Float, Float32, Int
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from ..trees.floats import flushed
-from .evaluators.base import Arena
+from .evaluators.base import Evaluator
 from .evolve import Budget
 
-WIDER = 2
-"""How many trees are drawn, in times of what CMA-ES draws by default: of many that are judged by chance, too, the mean
+POPULATION_FACTOR = 2
+"""How many trees are sample, in times of what CMA-ES draws by default: of many that are judged by chance, too, the mean
 errs less. On LunarLander better than twice the episodes, or than four times the trees."""
-STEP = 0.1
+INITIAL_STEP = 0.1
 """How far the first trees lie from the one that is given."""
-WATCHED = 16
+OBSERVED = 16
 """Episodes that are observed, to know how widely features spread."""
-TOLD = 4
+REPORT_EVERY = 4
 """Generations between two reports."""
-LISTENED = 8
+SCHEDULE_WINDOW = 8
 """Generations by which the number of episodes is decided."""
-AGREED = (0.25, 0.6)
+AGREEMENT_BOUNDS = (0.25, 0.6)
 """Correlation of what trees earn in the two halves of the episodes: below the first there are more, above the second
 fewer."""
-MOST = 4
+MAX_EPISODE_FACTOR = 4
 """Times as many episodes as at first, and no more."""
-QUARTERS = 4
+HALVINGS = 4
 """Parts of a budget, after each of which half of what is polished goes on."""
-RECENT = 5
+MEAN_WINDOW = 5
 """Generations by which that is decided."""
-FLAT = 10
+FLAT_GENERATIONS = 10
 """Generations in which all trees earn the same, after which nothing is left to gain."""
-JUDGED = 4
+JUDGING_FACTOR = 4
 """Times the episodes of a generation, to say at the end whether anything was gained."""
 
 
-class Polished(NamedTuple):
+class FinetuneProgress(NamedTuple):
     """What ``progress`` is told now and then."""
 
     tree: DecisionTree
-    """The best so far: the middle of what is drawn."""
+    """The best so far: the middle of what is sample."""
     steps: int
     """Environment steps so far."""
     seconds: float
@@ -68,13 +68,13 @@ class Polished(NamedTuple):
     """Return of the last few generations."""
 
 
-Progress: TypeAlias = Callable[[Polished], object]
-Returns: TypeAlias = Float[np.ndarray, "trees episodes"]
+Progress: TypeAlias = Callable[[FinetuneProgress], object]
+GenerationReturns: TypeAlias = Float[np.ndarray, "trees episodes"]
 
 
-def polish(
+def finetune_thresholds(
     trees: Sequence[DecisionTree],
-    arena: Arena,
+    evaluator: Evaluator,
     *,
     budget: Budget,
     episodes: int = 32,
@@ -89,7 +89,7 @@ def polish(
 
     Args:
         trees: of any sizes. The best keeps its size, but prune it afterwards: some of its splits may be idle then.
-        arena: where they play.
+        evaluator: where they play.
         budget: how long to search: it ends with the generation that spends it, or where nothing is left to gain.
         episodes: of the first generations, the same ones for all trees of a generation.
         first_episode: episodes from this number on are played.
@@ -102,61 +102,61 @@ def polish(
     """
     if episodes < 2:
         raise ValueError(f"polishing needs at least 2 episodes, got {episodes}")
-    began, before, start = time.perf_counter(), arena.steps, first_episode + WATCHED
+    began, before, start = time.perf_counter(), evaluator.steps, first_episode + OBSERVED
     watched = range(first_episode, start)
-    found = [Numbers.of(tree, arena.observe(tree, watched)) for tree in trees]
-    climbs = [Climb(numbers, seed) for numbers in found if numbers.size]
-    generation, enough = 0, Enough(episodes)
+    found = [TreeParameters.of(tree, evaluator.observe(tree, watched)) for tree in trees]
+    runs = [CMAESRun(numbers, seed) for numbers in found if numbers.size]
+    generation, schedule = 0, EpisodeSchedule(episodes)
 
     def spent() -> float:
         """The part of the budget."""
-        return max((arena.steps - before) / budget.steps, (time.perf_counter() - began) / budget.seconds)
+        return max((evaluator.steps - before) / budget.steps, (time.perf_counter() - began) / budget.seconds)
 
-    while climbs and min(budget.steps, budget.seconds) > 0 and (so_far := spent()) < 1:
-        climbs = _better(climbs, max(1, len(trees) >> int(so_far * QUARTERS)))
-        going_on = [climb for climb in climbs if not climb.is_over]
+    while runs and min(budget.steps, budget.seconds) > 0 and (so_far := spent()) < 1:
+        runs = _better(runs, max(1, len(trees) >> int(so_far * HALVINGS)))
+        going_on = [run for run in runs if not run.is_over]
         if not going_on:
             break
-        returns = _next_generation(going_on, arena, range(start, start := start + enough.episodes))
-        enough.hear(returns)
+        returns = _next_generation(going_on, evaluator, range(start, start := start + schedule.episodes))
+        schedule.update(returns)
         generation += 1
-        if progress is not None and generation % TOLD == 0:
-            best = max(climbs, key=lambda climb: climb.mean)
+        if progress is not None and generation % REPORT_EVERY == 0:
+            best = max(runs, key=lambda run: run.mean)
             seconds = time.perf_counter() - began
-            progress(Polished(best.middle, arena.steps - before, seconds, best.mean))
+            progress(FinetuneProgress(best.middle, evaluator.steps - before, seconds, best.mean))
     if not generation:
         return trees[0]
-    known = [*trees, *(climb.middle for climb in _better(climbs, 1))]
-    judged = arena.play(known, range(start, start + JUDGED * enough.episodes)).returns
+    known = [*trees, *(run.middle for run in _better(runs, 1))]
+    judged = evaluator.play(known, range(start, start + JUDGING_FACTOR * schedule.episodes)).returns
     return known[int(judged.mean(axis=1, dtype=np.float64).argmax())]
 
 
-class Climb:
+class CMAESRun:
     """One tree on its way up."""
 
-    def __init__(self, numbers: Numbers, seed: int) -> None:
+    def __init__(self, numbers: TreeParameters, seed: int) -> None:
         self.numbers, self._search = numbers, _strategy(numbers.size, seed)
         self._means: list[float] = []
 
-    def drawn(self) -> list[DecisionTree]:
+    def sample(self) -> list[DecisionTree]:
         """The next generation."""
         self._steps = self._search.ask()
-        return [self.numbers.moved(step) for step in self._steps]
+        return [self.numbers.shifted(step) for step in self._steps]
 
-    def tell(self, means: Float[np.ndarray, " trees"]) -> None:
+    def update(self, means: Float[np.ndarray, " trees"]) -> None:
         """What the trees of the generation earned."""
         self._search.tell(self._steps, (-means).tolist())
         self._means.append(float(means.mean()))
 
     @property
     def middle(self) -> DecisionTree:
-        """The tree around which others are drawn."""
-        return self.numbers.moved(self._search.result.xfavorite) if self._means else self.numbers.tree
+        """The tree around which others are sample."""
+        return self.numbers.shifted(self._search.result.xfavorite) if self._means else self.numbers.tree
 
     @property
     def mean(self) -> float:
         """Of the last few generations: a few thousand episodes."""
-        return float(np.mean(self._means[-RECENT:])) if self._means else -math.inf
+        return float(np.mean(self._means[-MEAN_WINDOW:])) if self._means else -math.inf
 
     @property
     def is_over(self) -> bool:
@@ -164,43 +164,45 @@ class Climb:
         return bool(self._search.stop())
 
 
-def _better(climbs: Sequence[Climb], number: int) -> list[Climb]:
+def _better(runs: Sequence[CMAESRun], number: int) -> list[CMAESRun]:
     """The best of them, in their order."""
-    best = sorted(climbs, key=lambda climb: -climb.mean)[:number]
-    return [climb for climb in climbs if climb in best]
+    best = sorted(runs, key=lambda run: -run.mean)[:number]
+    return [run for run in runs if run in best]
 
 
-def _next_generation(climbs: Sequence[Climb], arena: Arena, episodes: range) -> list[Returns]:
-    """All play the same episodes; the returns of each climb's trees."""
-    drawn = [climb.drawn() for climb in climbs]
-    played = arena.play([tree for trees in drawn for tree in trees], episodes).returns.astype(np.float64)
-    returns = np.split(played, np.cumsum([len(trees) for trees in drawn])[:-1])
-    for climb, rows in zip(climbs, returns, strict=True):
-        climb.tell(rows.mean(axis=1))
+def _next_generation(
+    runs: Sequence[CMAESRun], evaluator: Evaluator, episodes: range
+) -> list[GenerationReturns]:
+    """All play the same episodes; the returns of each run's trees."""
+    sample = [run.sample() for run in runs]
+    played = evaluator.play([tree for trees in sample for tree in trees], episodes).returns.astype(np.float64)
+    returns = np.split(played, np.cumsum([len(trees) for trees in sample])[:-1])
+    for run, rows in zip(runs, returns, strict=True):
+        run.update(rows.mean(axis=1))
     return returns
 
 
-class Enough:
+class EpisodeSchedule:
     """How many episodes a generation needs."""
 
     def __init__(self, episodes: int) -> None:
         self.episodes, self._least = episodes, episodes
-        self._heard: list[float] = []
+        self._agreements: list[float] = []
 
-    def hear(self, returns: Sequence[Returns]) -> None:
-        """What the trees of each climb earned in the generation."""
-        self._heard += [agreement(rows) for rows in returns]
-        if len(self._heard) < LISTENED * len(returns):
+    def update(self, returns: Sequence[GenerationReturns]) -> None:
+        """What the trees of each run earned in the generation."""
+        self._agreements += [agreement(rows) for rows in returns]
+        if len(self._agreements) < SCHEDULE_WINDOW * len(returns):
             return
-        agreed, (low, high) = float(np.mean(self._heard)), AGREED
-        self._heard.clear()
+        agreed, (low, high) = float(np.mean(self._agreements)), AGREEMENT_BOUNDS
+        self._agreements.clear()
         if agreed < low:
-            self.episodes = min(2 * self.episodes, MOST * self._least)
+            self.episodes = min(2 * self.episodes, MAX_EPISODE_FACTOR * self._least)
         elif agreed > high:
             self.episodes = max(self.episodes // 2, self._least)
 
 
-def agreement(returns: Returns) -> float:
+def agreement(returns: GenerationReturns) -> float:
     """Correlation of what trees earn in one half of the episodes with the other; 1 where there is none to differ in."""
     halves = np.stack([returns[:, ::2].mean(axis=1), returns[:, 1::2].mean(axis=1)])
     if (halves.std(axis=1) == 0).any():
@@ -209,7 +211,7 @@ def agreement(returns: Returns) -> float:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class TreeParameters:
     """The numbers of a tree that may move, and how far a step of 1 moves each of them."""
 
     tree: DecisionTree
@@ -220,7 +222,7 @@ class Numbers:
     scale: Float[np.ndarray, " size"]
 
     @staticmethod
-    def of(tree: DecisionTree, seen: Float32[np.ndarray, "steps features"]) -> Numbers:
+    def of(tree: DecisionTree, seen: Float32[np.ndarray, "steps features"]) -> TreeParameters:
         """Those of a tree that sees these observations; a feature that never differs there does not move."""
         splits = np.array(
             [n for n in np.flatnonzero(~tree.is_leaf) if tree.feature[n] not in tree.group_of], int
@@ -237,15 +239,15 @@ class Numbers:
             bounded = np.isfinite(low) & np.isfinite(high)
             reach = np.where(bounded, (high - low) / 2, 1.0)
         scale = np.concatenate([spread[tree.feature[splits]], np.tile(reach, len(leaves))])
-        return Numbers(tree, splits, leaves, scale)
+        return TreeParameters(tree, splits, leaves, scale)
 
     @property
     def size(self) -> int:
         """How many there are."""
         return len(self.scale)
 
-    def moved(self, steps: Float[np.ndarray, " size"]) -> DecisionTree:
-        """The tree with each number moved so many steps."""
+    def shifted(self, steps: Float[np.ndarray, " size"]) -> DecisionTree:
+        """The tree with each number shifted so many steps."""
         way = np.asarray(steps) * self.scale
         threshold, value = self.tree.threshold.copy(), self.tree.leaf_outputs.copy()
         n = len(self.splits)
@@ -265,14 +267,14 @@ def _strategy(size: int, seed: int) -> Any:
         ) from error
     rng = np.random.default_rng(seed)
     options = {
-        "popsize": WIDER * (4 + int(3 * math.log(size))),
+        "popsize": POPULATION_FACTOR * (4 + int(3 * math.log(size))),
         "randn": lambda *shape: rng.standard_normal(shape),
         "seed": math.nan,  # do not seed NumPy
         # returns are noisy: neither that the best was long ago nor that it is always the same means much
         "tolstagnation": math.inf,
         "tolfun": 0,
         "tolfunhist": 0,
-        "tolflatfitness": FLAT,
+        "tolflatfitness": FLAT_GENERATIONS,
         "verbose": -10,  # no words, and no file of signals is read
     }
-    return CMAEvolutionStrategy(np.zeros(size), STEP, options)
+    return CMAEvolutionStrategy(np.zeros(size), INITIAL_STEP, options)

@@ -1,35 +1,107 @@
-"""Growing by return: a tree gets more questions, those that earn it most.
+"""Insert splits by return: a tree gets the additional splits that earn it most.
 
-The way back from `sympol.search.prune_by_return`. Where a tree is small and its numbers are as good as they
-can be, what it
-asks is what limits it. In each step
+This is the inverse of `sympol.search.prune_by_return`. Where a tree is small and its thresholds are as good as
+they can be, its splits are what limits it. In each step of `insert_splits`
 
-1. random questions with an answer of their own are drawn (`sympol.search.insertions`) and race
-(`sympol.search.successive_halving`);
-2. the best few of those that earn anything are planted: all, or two, or one, or none, whichever earns most in other
-   episodes.
+1. random splits with a new leaf are drawn (`sample_insertions`) and ranked by successive halving;
+2. the best few that gain anything are inserted: four, two, one or none, whichever earns most in other episodes.
 
-Most questions cost something, few earn something, and which those are is seen through much luck: so what was planted
-need not be good. Pruned by return afterwards, the tree keeps what it can least do without.
+An insertion above a leaf splits it. Above an inner node it takes a part of the observations away from
+everything below, which many leaves would otherwise have to split off together. Few insertions gain anything,
+and which ones do is blurred by chance, so an inserted split need not be good. Pruned by return afterwards, the
+tree keeps what it can least do without.
+
+`resplit` exchanges splits at a given size: the tree grows by a quarter, is fine-tuned, pruned back and
+fine-tuned again. Fine-tuning moves thresholds only and pruning only removes; together with insertion they
+change which features are tested.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float32
 
 from ..trees import DecisionTree
-from .evaluators.base import Arena
+from ..trees.edit import graft_all, leaf_tree, split_tree, subtree, subtree_end
+from .comparison import ReturnCache, successive_halving
+from .evaluators.base import Evaluator
 from .evolve import Budget
-from .insertions import Sprout, grown, sprouts
-from .prune_by_return import Effort
-from .scores import Scores
-from .successive_halving import race
+from .finetune_thresholds import finetune_thresholds
+from .mutations import Leaf, Mutator
+from .prune_by_return import Effort, default_effort, prune_path
+
+DRAW_FACTOR = 4
+"""How often as many as asked for are drawn, where some are alike or change nothing."""
+
+
+class SplitInsertion(NamedTuple):
+    """A node, and what is to stand in its place."""
+
+    node: int
+    end: int
+    """The first node behind those below it."""
+    part: DecisionTree
+
+    def is_disjoint_from(self, other: SplitInsertion) -> bool:
+        """Whether neither is above the other, so that a tree can have both."""
+        return self.end <= other.node or other.end <= self.node
+
+
+def sample_insertions(
+    tree: DecisionTree,
+    observations: Float32[np.ndarray, "steps features"],
+    number: int,
+    rng: np.random.Generator,
+) -> list[SplitInsertion]:
+    """Different ones at random, ``number`` at most; ``observations`` are what the tree acts on.
+
+    Each node that saw two different observations is as likely as any other, and so is each feature that differs
+    there. The threshold lies between two values that were seen there. Where nothing ever differs there are none.
+    """
+    leaf = np.atleast_1d(tree.apply(observations))
+    ends = [subtree_end(tree, node) for node in range(tree.n_nodes)]
+    rows = [np.flatnonzero((leaf >= node) & (leaf < end)) for node, end in enumerate(ends)]
+    nodes = [node for node, here in enumerate(rows) if (observations[here] != observations[here[:1]]).any()]
+    if not nodes:
+        return []
+    mutator = Mutator.for_observations(tree.actions, observations)
+    found: dict[tuple[int, DecisionTree], SplitInsertion] = {}
+    for _ in range(DRAW_FACTOR * number):
+        if len(found) == number:
+            break
+        node = nodes[int(rng.integers(len(nodes)))]
+        here = rows[node]
+        x, acted = observations[here], int(leaf[here[int(rng.integers(len(here)))]])
+        value = mutator.mutated_leaf(Leaf(tuple(tree.leaf_outputs[acted].tolist())), rng).value
+        other = leaf_tree(tree, np.array(value, np.float32))
+        feature = int(rng.choice(np.flatnonzero((x != x[0]).any(axis=0))))
+        values = np.unique(x[:, feature])
+        at = int(rng.integers(len(values) - 1))
+        sides = [subtree(tree, node), other]
+        if rng.random() < 0.5:
+            sides.reverse()
+        threshold = values[at : at + 2].mean(dtype=np.float64)
+        insertion = SplitInsertion(node, ends[node], split_tree(feature, float(threshold), *sides))
+        if not (tree.is_leaf[node] and _acts_as(tree, node, other)):
+            found.setdefault((node, insertion.part), insertion)
+    return list(found.values())
+
+
+def apply_insertions(tree: DecisionTree, some: Iterable[SplitInsertion]) -> DecisionTree:
+    """The tree with all of these, of which none is above another."""
+    return graft_all(tree, ((insertion.node, insertion.part) for insertion in some))
+
+
+def _acts_as(tree: DecisionTree, leaf: int, other: DecisionTree) -> bool:
+    return bool((tree.leaf_actions[leaf] == other.leaf_actions).all())
+
 
 COMPILED = Effort(candidates=128, first=32, last=1024, watched=64)
-"""Where an arena plays millions of steps a second."""
+"""Where an evaluator plays millions of steps a second."""
 NATIVE = Effort(candidates=128, first=16, last=512, watched=64)
 """Where it plays a hundred thousand."""
 HOSTED = Effort(candidates=32, first=8, last=64, watched=32)
@@ -40,9 +112,9 @@ PATIENCE = 2
 """Steps in a row that find nothing, after which it is given up."""
 
 
-def grow(
+def insert_splits(
     tree: DecisionTree,
-    arena: Arena,
+    evaluator: Evaluator,
     *,
     nodes: int,
     budget: Budget,
@@ -54,40 +126,114 @@ def grow(
 
     Args:
         tree: of any size; with so many ``nodes`` it stays as it is.
-        arena: where it plays.
+        evaluator: where it plays.
         nodes: that it shall have, a few more at most.
         budget: how long to search: it ends with the step that spends it.
         first_episode: episodes from this number on are played, others in each step.
         seed: With a budget in steps the same seed gives the same tree, bit for bit.
-        effort: how much is played; by default by the kind of arena.
+        effort: how much is played; by default by the kind of evaluator.
 
     Raises:
         ValueError: a tree for other features or actions.
     """
     rng, at, missed = np.random.default_rng(seed), first_episode, 0
-    effort = effort or {"jax": COMPILED, "native": NATIVE}.get(arena.spec.backend, HOSTED)
-    began, before = time.perf_counter(), arena.steps
+    effort = effort or {"jax": COMPILED, "native": NATIVE}.get(evaluator.spec.backend, HOSTED)
+    began, before = time.perf_counter(), evaluator.steps
     while tree.n_nodes < nodes and missed < PATIENCE:
-        if arena.steps - before >= budget.steps or time.perf_counter() - began >= budget.seconds:
+        if evaluator.steps - before >= budget.steps or time.perf_counter() - began >= budget.seconds:
             break
-        drawn = sprouts(tree, arena.observe(tree, range(at, at + effort.watched)), effort.candidates, rng)
-        others = [grown(tree, [sprout]) for sprout in drawn]
-        scores, first, last = Scores(arena, at), effort.first, effort.last
-        raced = race(scores, tree, others, keep=max(PLANTED), first=first, last=last)
+        drawn = sample_insertions(
+            tree, evaluator.observe(tree, range(at, at + effort.watched)), effort.candidates, rng
+        )
+        others = [apply_insertions(tree, [insertion]) for insertion in drawn]
+        scores, first, last = ReturnCache(evaluator, at), effort.first, effort.last
+        raced = successive_halving(scores, tree, others, keep=max(PLANTED), first=first, last=last)
         found = tree
         if best := _apart([drawn[i] for loss, i in raced if loss < 0]):
-            several = [grown(tree, best[:number]) for number in PLANTED]
-            judged = arena.play_changed(tree, several, range(at + last, at + 2 * last)).returns
+            several = [apply_insertions(tree, best[:number]) for number in PLANTED]
+            judged = evaluator.play_variants(tree, several, range(at + last, at + 2 * last)).returns
             found = [tree, *several][int(judged.mean(axis=1, dtype=np.float64).argmax())]
         missed = missed + 1 if found is tree else 0
         tree, at = found, at + 2 * last
     return tree
 
 
-def _apart(some: Sequence[Sprout]) -> list[Sprout]:
+def _apart(some: Sequence[SplitInsertion]) -> list[SplitInsertion]:
     """Those that a tree can have together, the first of them first."""
-    found: list[Sprout] = []
-    for sprout in some:
-        if all(sprout.is_apart_from(other) for other in found):
-            found.append(sprout)
+    found: list[SplitInsertion] = []
+    for insertion in some:
+        if all(insertion.is_disjoint_from(other) for other in found):
+            found.append(insertion)
     return found
+
+
+GROWN = 1.25
+"""To how many times the limit a tree grows."""
+GROWING = 0.5
+"""The part of a budget after which it grows no further."""
+POLISHING = 1 / 3
+"""How long is polished, each time, of what was done before."""
+EPISODES = 1 << 20
+"""That are played at most; growing begins with the first of them."""
+SHRINKING_FROM, JUDGING_FROM, POLISHING_FROM, FINISHING_FROM = 1 << 18, 3 << 17, 1 << 19, 5 << 17
+
+
+def resplit(
+    tree: DecisionTree,
+    evaluator: Evaluator,
+    *,
+    max_nodes: int,
+    budget: Budget,
+    episodes: int = 32,
+    first_episode: int = 0,
+    seed: int = 0,
+) -> DecisionTree:
+    """A tree with no more nodes than allowed that earns more; the tree itself where none is found.
+
+    Args:
+        tree: as good as polishing makes it.
+        evaluator: where it plays.
+        max_nodes: that the tree has no more of either.
+        budget: how long to search; pruning may take it further.
+        episodes: of a generation of polishing.
+        first_episode: `EPISODES` from this number on are played.
+        seed: With a budget in steps the same seed gives the same tree, bit for bit.
+
+    Raises:
+        ImportError: pycma is not installed.
+        ValueError: a tree for other features or actions.
+    """
+    began, before = time.perf_counter(), evaluator.steps
+
+    def polished(one: DecisionTree, at: int) -> DecisionTree:
+        """For so long as a part of what was taken until now, and no longer than what is left."""
+        steps, seconds = evaluator.steps - before, time.perf_counter() - began
+        left = Budget(budget.steps - steps, budget.seconds - seconds)
+        return finetune_thresholds(
+            [one],
+            evaluator,
+            budget=Budget(min(POLISHING * steps, left.steps), left.seconds),
+            episodes=episodes,
+            first_episode=first_episode + at,
+            seed=seed,
+        )
+
+    grown = insert_splits(
+        tree,
+        evaluator,
+        nodes=int(GROWN * max_nodes),
+        budget=Budget(GROWING * budget.steps, GROWING * budget.seconds),
+        first_episode=first_episode,
+        seed=seed,
+    )
+    if grown is tree:
+        return tree
+    larger = polished(grown, POLISHING_FROM)
+    smaller = prune_path(larger, evaluator, smallest=max_nodes, first_episode=first_episode + SHRINKING_FROM)[
+        -1
+    ].tree
+    better = polished(smaller, FINISHING_FROM)
+    rivals = list(dict.fromkeys([tree, smaller, better]))
+    start = first_episode + JUDGING_FROM
+    judged = evaluator.play(rivals, range(start, start + 4 * default_effort(evaluator).last)).returns
+    return rivals[int(judged.mean(axis=1, dtype=np.float64).argmax())]

@@ -1,9 +1,9 @@
 """A small tree inside a complete one, as it is trained: nodes outside the shape are closed.
 
-A closed node sends everything one way: all its thresholds are `CLOSED`, or minus that, a number that no feature
+A closed node sends everything one way: all its thresholds are `MASKED`, or minus that, a number that no feature
 reaches and no optimiser moves; and the slope of the surrogate is 0 there, so that nothing is learnt. What is trained
 stays one compiled program, whatever the shape. Only NaN and infinities would go the other way: for whoever
-reads the tree, closed nodes are not there (`open_tree`).
+reads the tree, closed nodes are not there (`extract_unmasked`).
 
 Every tree that pruning makes of a complete one lies in it, as all it ever does is to put a side in the place of its
 split.
@@ -25,14 +25,14 @@ from ..trees import DecisionTree
 from ..trees.preorder import complete_order
 from ..trees.prune import select_nodes
 
-CLOSED = float(np.finfo(np.float32).max)
+MASKED = float(np.finfo(np.float32).max)
 """The largest float32; the division by a temperature may make infinity of it, which is as good."""
 
 
-def open_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **metadata: Any) -> DecisionTree:
+def extract_unmasked(actor: Tree, shift: np.ndarray, scale: np.ndarray, **metadata: Any) -> DecisionTree:
     """`extract_tree`, without the closed nodes."""
     thresholds = np.asarray(actor.thresholds)
-    closed = (thresholds == -CLOSED).all(axis=1).astype(int) - (thresholds == CLOSED).all(axis=1)
+    closed = (thresholds == -MASKED).all(axis=1).astype(int) - (thresholds == MASKED).all(axis=1)
     bare = np.where(closed[:, None] == 0, thresholds, 0)
     full = extract_tree(eqx.tree_at(lambda a: a.thresholds, actor, bare), shift, scale, **metadata)
     way = np.append(closed, np.zeros(len(closed) + 1, int))[complete_order(len(closed))]
@@ -45,7 +45,9 @@ def open_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **metadata: Any
     return select_nodes(full, left, right, int(in_place[0]))
 
 
-def close(actor: Tree, shift: np.ndarray, scale: np.ndarray, small: DecisionTree, spare: int = 0) -> Tree:
+def mask_nodes(
+    actor: Tree, shift: np.ndarray, scale: np.ndarray, small: DecisionTree, spare: int = 0
+) -> Tree:
     """The complete tree in the shape of a small one that was pruned out of it, and with its answers.
 
     ``spare`` splits more stay open, where there is room below the leaves of the small tree; both their sides answer
@@ -68,7 +70,7 @@ def close(actor: Tree, shift: np.ndarray, scale: np.ndarray, small: DecisionTree
         values[leaf] = small.leaf_outputs[answer]
         shape.close_between(above, leaf + len(inner))
     way, thresholds = shape.way[:, None], np.asarray(actor.thresholds)
-    thresholds = np.where(way < 0, np.float32(CLOSED), np.where(way > 0, np.float32(-CLOSED), thresholds))
+    thresholds = np.where(way < 0, np.float32(MASKED), np.where(way > 0, np.float32(-MASKED), thresholds))
     made = jnp.asarray(thresholds), jnp.asarray(values)
     return eqx.tree_at(lambda a: (a.thresholds, a.leaf_values), actor, made)
 

@@ -3,11 +3,11 @@
 Exact pruning (`DecisionTree.prune`) keeps every action. Pruning by return keeps what they bring. Step by step
 
 1. what none of the observed episodes needs goes: sides that nobody visits, splits that change no action there;
-2. else one cut is made (`sympol.search.prunings`), the one that costs least. All promising cuts play a few
+2. else one cut is made (`sympol.search.prunings`), the one that costs least. All promising prune_moves play a few
 episodes, the
-   better half of them twice as many, and so on (`sympol.search.successive_halving`). While the tree is large,
+   better half of them twice as many, and so on (`sympol.search.comparison`). While the tree is large,
    a step makes several
-   cuts at once.
+   moves at once.
 
 What the step brings is then measured in other episodes, by which nothing was chosen.
 """
@@ -22,11 +22,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..trees import DecisionTree
-from .evaluators.base import Arena
-from .prunings import Cut, cut_at, cuts
-from .scores import Scores
-from .sequential_test import compare_trees
-from .successive_halving import race
+from .comparison import ReturnCache, compare_trees, successive_halving
+from .evaluators.base import Evaluator
+from .prunings import PruneMove, apply_prunings, prune_moves
 
 SINGLY = 31
 """Nodes from which on down there is one cut a step."""
@@ -34,7 +32,7 @@ TRIED = 3
 """Cuts that are tested one after the other, where none may cost anything."""
 
 
-class Shrunk(NamedTuple):
+class PrunedTree(NamedTuple):
     """A tree on the way down, and what it earned in each of the episodes that nothing is chosen by."""
 
     tree: DecisionTree
@@ -60,18 +58,18 @@ class Effort(NamedTuple):
 
 
 COMPILED = Effort(candidates=64, first=32, last=512, watched=64)
-"""Where an arena plays millions of steps a second."""
+"""Where an evaluator plays millions of steps a second."""
 NATIVE = Effort(candidates=64, first=16, last=512, watched=64)
 """Where it plays a hundred thousand."""
 HOSTED = Effort(candidates=24, first=16, last=64, watched=32)
 """Where the host steps the environment."""
 
-Progress: TypeAlias = Callable[[Shrunk], object]
+Progress: TypeAlias = Callable[[PrunedTree], object]
 
 
-def shrink(
+def prune_by_return(
     tree: DecisionTree,
-    arena: Arena,
+    evaluator: Evaluator,
     *,
     max_nodes: int | None = None,
     node_price: float = 0.0,
@@ -79,18 +77,18 @@ def shrink(
     first_episode: int = 0,
     effort: Effort | None = None,
     progress: Progress | None = None,
-) -> Shrunk:
+) -> PrunedTree:
     """The smallest part of a tree that earns as much; or a part of at most ``max_nodes``, whatever that costs.
 
     Args:
         tree: of any size; it loses nodes, and leaves where nodes went may get another answer.
-        arena: where it plays.
+        evaluator: where it plays.
         max_nodes: go on, even at a loss, until there are no more; and stop there, if nodes have no price.
         node_price: the return that a node must be worth: go on as long as less is lost for each node removed.
             At 0, and with no ``max_nodes``, go on as long as nothing is lost.
         observations: all there can be, where they are listed: then the tree acts on no others.
         first_episode: episodes from this number on are played, twice ``effort.last`` of them.
-        effort: how much is played; by default by the kind of arena.
+        effort: how much is played; by default by the kind of evaluator.
         progress: called with each tree on the way down.
 
     Raises:
@@ -98,8 +96,8 @@ def shrink(
     """
     check_limit(max_nodes, node_price)
     aim = 1 if max_nodes is None else max_nodes
-    way = _Way(arena, effort or effort_of(arena), aim, observations, first_episode)
-    now: Shrunk = way.begin(tree)
+    way = _Pruning(evaluator, effort or default_effort(evaluator), aim, observations, first_episode)
+    now: PrunedTree = way.begin(tree)
     while True:
         if progress is not None:
             progress(now)
@@ -113,23 +111,23 @@ def shrink(
         now = found
 
 
-def chain(
+def prune_path(
     tree: DecisionTree,
-    arena: Arena,
+    evaluator: Evaluator,
     *,
     smallest: int = 1,
     observations: Float32[np.ndarray, "batch features"] | None = None,
     first_episode: int = 0,
     effort: Effort | None = None,
     progress: Progress | None = None,
-) -> list[Shrunk]:
+) -> list[PrunedTree]:
     """Ever smaller parts of a tree, from the tree itself, exactly pruned, down to ``smallest`` nodes or one leaf.
 
-    Arguments and errors are as of `shrink`.
+    Arguments and errors are as of `prune_by_return`.
     """
     check_limit(smallest, 0.0)
-    way = _Way(arena, effort or effort_of(arena), smallest, observations, first_episode)
-    found: list[Shrunk] = []
+    way = _Pruning(evaluator, effort or default_effort(evaluator), smallest, observations, first_episode)
+    found: list[PrunedTree] = []
     while not found or found[-1].tree.n_nodes > smallest:
         found.append(way.forced_step(found[-1]) if found else way.begin(tree))
         if progress is not None:
@@ -137,9 +135,9 @@ def chain(
     return found
 
 
-def effort_of(arena: Arena) -> Effort:
-    """What is played by default in such an arena."""
-    return {"jax": COMPILED, "native": NATIVE}.get(arena.spec.backend, HOSTED)
+def default_effort(evaluator: Evaluator) -> Effort:
+    """What is played by default in such an evaluator."""
+    return {"jax": COMPILED, "native": NATIVE}.get(evaluator.spec.backend, HOSTED)
 
 
 def check_limit(max_nodes: int | None, node_price: float) -> None:
@@ -151,52 +149,52 @@ def check_limit(max_nodes: int | None, node_price: float) -> None:
 
 
 @dataclass
-class _Way:
+class _Pruning:
     """The way down."""
 
-    arena: Arena
+    evaluator: Evaluator
     effort: Effort
     aim: int
     observations: Float32[np.ndarray, "batch features"] | None
     first_episode: int
-    race: Scores = field(init=False)
-    """What cuts are chosen by."""
-    judge: Scores = field(init=False)
+    search_returns: ReturnCache = field(init=False)
+    """Returns by which moves are chosen."""
+    judge: ReturnCache = field(init=False)
     """What they are then measured by."""
 
     def __post_init__(self) -> None:
-        self.race = Scores(self.arena, self.first_episode)
-        self.judge = Scores(self.arena, self.first_episode + self.effort.last)
+        self.search_returns = ReturnCache(self.evaluator, self.first_episode)
+        self.judge = ReturnCache(self.evaluator, self.first_episode + self.effort.last)
 
-    def begin(self, tree: DecisionTree) -> Shrunk:
+    def begin(self, tree: DecisionTree) -> PrunedTree:
         return self._judged(tree.prune(observations=self.observations))
 
-    def forced_step(self, now: Shrunk) -> Shrunk:
+    def forced_step(self, now: PrunedTree) -> PrunedTree:
         """What costs least, whatever that is."""
         seen = self._seen(now.tree)
         if (idle := self._idle(now, seen)) is not None:
             return idle
         batch = max(1, (now.tree.n_nodes - max(self.aim, SINGLY)) // 8)
-        ranked = self._ranked(now.tree, cuts(now.tree, seen), batch)
+        ranked = self._ranked(now.tree, prune_moves(now.tree, seen), batch)
         while batch > 1:
             some = ranked[:batch]
-            together = cut_at(now.tree, [cut for _, cut in some])
+            together = apply_prunings(now.tree, [cut for _, cut in some])
             allowed = sum(max(0.0, loss) for loss, _ in some)
-            if compare_trees(self.race, now.tree, together, margin=allowed, **self._looks).holds:
+            if compare_trees(self.search_returns, now.tree, together, margin=allowed, **self._looks).holds:
                 return self._judged(together)
             batch //= 2
-        return self._judged(cut_at(now.tree, [ranked[0][1]]))
+        return self._judged(apply_prunings(now.tree, [ranked[0][1]]))
 
-    def free_step(self, now: Shrunk, node_price: float) -> Shrunk | None:
+    def free_step(self, now: PrunedTree, node_price: float) -> PrunedTree | None:
         """What costs no more than the price of the nodes that go; None where everything does."""
         if now.tree.n_nodes == 1:
             return None
         seen = self._seen(now.tree)
         if (idle := self._idle(now, seen)) is not None:
             return idle
-        found = cuts(now.tree, seen)
+        found = prune_moves(now.tree, seen)
         for _, cut in self._ranked(now.tree, found, TRIED, node_price)[:TRIED]:
-            new = self._judged(cut_at(now.tree, [cut]))
+            new = self._judged(apply_prunings(now.tree, [cut]))
             margin = node_price * (now.tree.n_nodes - new.tree.n_nodes)
             how = {**self._looks, "candidates": len(found)}
             if compare_trees(self.judge, now.tree, new.tree, margin=margin, **how).holds:
@@ -208,9 +206,11 @@ class _Way:
         return {"first": self.effort.first, "last": self.effort.last}
 
     def _seen(self, tree: DecisionTree) -> Float32[np.ndarray, "steps features"]:
-        return self.arena.observe(tree, range(self.first_episode, self.first_episode + self.effort.watched))
+        return self.evaluator.observe(
+            tree, range(self.first_episode, self.first_episode + self.effort.watched)
+        )
 
-    def _idle(self, now: Shrunk, seen: Float32[np.ndarray, "steps features"]) -> Shrunk | None:
+    def _idle(self, now: PrunedTree, seen: Float32[np.ndarray, "steps features"]) -> PrunedTree | None:
         """Without what acts no otherwise in the episodes observed; None if nothing is, or others need it."""
         smaller = now.tree.prune(observations=seen)
         if smaller.n_nodes == now.tree.n_nodes:
@@ -219,19 +219,19 @@ class _Way:
         return new if compare_trees(self.judge, now.tree, new.tree, **self._looks).holds else None
 
     def _ranked(
-        self, tree: DecisionTree, some: Sequence[Cut], keep: int, node_price: float = 0.0
-    ) -> list[tuple[float, Cut]]:
-        """The cuts that cost least, with their losses, after rounds that halve their number until ``keep`` are left."""
+        self, tree: DecisionTree, some: Sequence[PruneMove], keep: int, node_price: float = 0.0
+    ) -> list[tuple[float, PruneMove]]:
+        """Rank the moves that cost least, with their losses, after halving their number until ``keep`` are left."""
         some = some[: self.effort.candidates]
 
         def key(loss: float, i: int) -> tuple[float, int]:
             return loss - node_price * some[i].removed, -some[i].removed
 
-        others = [cut_at(tree, [cut]) for cut in some]
-        found = race(self.race, tree, others, keep=keep, **self._looks, key=key)
+        others = [apply_prunings(tree, [cut]) for cut in some]
+        found = successive_halving(self.search_returns, tree, others, keep=keep, **self._looks, key=key)
         return [(loss, some[i]) for loss, i in found]
 
-    def _judged(self, tree: DecisionTree) -> Shrunk:
+    def _judged(self, tree: DecisionTree) -> PrunedTree:
         """Exactly pruned, with its returns."""
         tree = tree.prune(observations=self.observations)
-        return Shrunk(tree, self.judge.of(tree, self.effort.last))
+        return PrunedTree(tree, self.judge.of(tree, self.effort.last))

@@ -21,7 +21,7 @@ from ..trees.edit import graft_all, subtree, subtree_end
 from ..trees.preorder import descend
 
 
-class Cut(NamedTuple):
+class PruneMove(NamedTuple):
     """A node, and what is to stand in its place."""
 
     node: int
@@ -40,20 +40,22 @@ class _Seen(NamedTuple):
     answer: Float[np.ndarray, "steps outputs"]
 
 
-def cuts(tree: DecisionTree, observations: Float32[np.ndarray, "steps features"]) -> list[Cut]:
-    """All cuts of a tree, the ones that change least first; ``observations`` are what the tree acts on."""
+def prune_moves(tree: DecisionTree, observations: Float32[np.ndarray, "steps features"]) -> list[PruneMove]:
+    """List all prune moves of a tree, the ones that change least first; ``observations`` are what the tree acts on."""
     leaf = np.atleast_1d(tree.apply(observations))
     order = np.argsort(leaf, kind="stable")
     seen = _Seen(observations[order], leaf[order], _answers(tree)[leaf[order]])
-    found: dict[tuple[int, DecisionTree], Cut] = {}  # of two leaves the one may be refitted to be the other
+    found: dict[
+        tuple[int, DecisionTree], PruneMove
+    ] = {}  # of two leaves the one may be refitted to be the other
     for node in np.flatnonzero(~tree.is_leaf).tolist():
         for cut in _at(tree, node, seen):
             found.setdefault((node, cut.part), cut)
     return sorted(found.values(), key=lambda cut: (cut.change, -cut.removed))
 
 
-def cut_at(tree: DecisionTree, some: Iterable[Cut]) -> DecisionTree:
-    """The tree after all of these cuts; of one within another only the outer counts."""
+def apply_prunings(tree: DecisionTree, some: Iterable[PruneMove]) -> DecisionTree:
+    """Apply several moves; of one within another only the outer counts."""
     return graft_all(tree, ((cut.node, cut.part) for cut in some))
 
 
@@ -62,7 +64,7 @@ def _answers(tree: DecisionTree) -> Float[np.ndarray, "nodes outputs"]:
     return tree.leaf_actions.reshape(tree.n_nodes, -1).astype(np.float64)
 
 
-def _at(tree: DecisionTree, node: int, seen: _Seen) -> Iterator[Cut]:
+def _at(tree: DecisionTree, node: int, seen: _Seen) -> Iterator[PruneMove]:
     end, right = subtree_end(tree, node), int(tree.children_right[node])
     here = slice(*np.searchsorted(seen.leaf, [node, end]))
     x, leaf, wanted = seen.x[here], seen.leaf[here], seen.answer[here]
@@ -75,7 +77,7 @@ def _at(tree: DecisionTree, node: int, seen: _Seen) -> Iterator[Cut]:
         at = ends_in - child
         for part in (kept, _refitted(kept, at, wanted, np.unique(at[comes]), tree.leaf_outputs[leaf])):
             if part is not None:
-                yield Cut(node, part, removed, _change(part, at, wanted, len(seen.x)))
+                yield PruneMove(node, part, removed, _change(part, at, wanted, len(seen.x)))
 
 
 def _change(part: DecisionTree, at: Int[np.ndarray, " steps"], wanted: np.ndarray, number: int) -> float:

@@ -20,15 +20,14 @@ from jaxtyping import Float32
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from ..trees.floats import flushed, shortest
-from .evaluators.base import Arena
-from .prune_by_return import Effort, effort_of
-from .scores import Scores
-from .sequential_test import compare_trees
+from .comparison import ReturnCache, compare_trees
+from .evaluators.base import Evaluator
+from .prune_by_return import Effort, default_effort
 
 
 def round_thresholds(
     tree: DecisionTree,
-    arena: Arena,
+    evaluator: Evaluator,
     *,
     margin: float = 0.0,
     first_episode: int = 0,
@@ -43,10 +42,10 @@ def round_thresholds(
     Raises:
         ValueError: a margin below 0, or a tree for other features or actions.
     """
-    effort = effort or effort_of(arena)
-    scores = Scores(arena, first_episode)
+    effort = effort or default_effort(evaluator)
+    scores = ReturnCache(evaluator, first_episode)
     how = {"margin": margin, "first": effort.first, "last": effort.last}
-    rounded = _unnoticed(tree, arena.observe(tree, range(first_episode, first_episode + effort.last)))
+    rounded = _unnoticed(tree, evaluator.observe(tree, range(first_episode, first_episode + effort.last)))
     given = rounded  # not one action differs in these episodes, so it earns what the tree does
 
     def costs_nothing(candidate: DecisionTree) -> bool:

@@ -1,7 +1,7 @@
 """Training within a limit of size: `Config.max_nodes` and `Config.node_price`.
 
 The first half of a training is free, or the first quarter where rollouts grow. At the validation after it (`moment`)
-the best tree so far is pruned by what it earns (`shrink`), and the training goes on in that shape (`shape`): with the
+the best tree so far is pruned by what it earns (`prune_by_return`), and the training goes on in that shape: with the
 same critic, optimiser and compiled program, and with a validation that only knows trees of this shape. Before that
 moment, whoever asks for the tree gets one that is pruned by the same rule, there and then.
 """
@@ -18,9 +18,9 @@ from ..algorithms.state import TrainState
 from ..algorithms.train import stops
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
-from .evaluators.base import make_arena
-from .masking import close
-from .prune_by_return import shrink
+from .evaluators.base import make_evaluator
+from .masking import mask_nodes
+from .prune_by_return import prune_by_return
 
 FREE, FREE_GROWING = 0.5, 0.25
 """The part of a training before the limit is imposed. Where rollouts and batches grow (`Config.dynamic_rollout`), most
@@ -32,7 +32,7 @@ def has_limit(config: Config) -> bool:
     return config.max_nodes > 0 or config.node_price > 0
 
 
-def moment(config: Config) -> int:
+def prune_step(config: Config) -> int:
     """The timestep after which the tree is within the limit, at the first validation from it on."""
     free = FREE_GROWING if config.dynamic_rollout else FREE
     return next(stop for stop in stops(config) if stop >= free * config.total_timesteps)
@@ -40,35 +40,35 @@ def moment(config: Config) -> int:
 
 def is_due(config: Config, before: int, now: int) -> bool:
     """Whether a training that came from timestep ``before`` to ``now`` has just come to its moment."""
-    return has_limit(config) and before < moment(config) <= now
+    return has_limit(config) and before < prune_step(config) <= now
 
 
-def within(tree: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> DecisionTree:
+def prune_within(tree: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> DecisionTree:
     """A tree pruned by what it earns until it is within the config's limit."""
     listed = spec.all_observations()
     tree = tree.prune(observations=listed)
     if not config.node_price and tree.n_nodes <= config.max_nodes:
         return tree
-    return shrink(
+    return prune_by_return(
         tree,
-        make_arena(spec, seed),
+        make_evaluator(spec, seed),
         max_nodes=config.max_nodes or None,
         node_price=config.node_price,
         observations=listed,
     ).tree
 
 
-def shaped(state: TrainState, full: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> TrainState:
+def mask_state(state: TrainState, full: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> TrainState:
     """The state that goes on with the best tree so far, pruned, in its shape; nothing of it is validated yet.
 
     ``full`` is that tree, extracted as a whole. Learning rates that were halved are whole again: there is a new tree
     to improve.
     """
     best: Any = state.validation.best_actor if config.select_best else state.networks.actor
-    small = within(full, spec, config, seed)
+    small = prune_within(full, spec, config, seed)
     spare = 0 if config.node_price else max(0, config.max_nodes - small.n_nodes) // 2
     shift, scale = (np.asarray(part) for part in state.normalizer)
-    actor = close(best, shift, scale, small, spare)
+    actor = mask_nodes(best, shift, scale, small, spare)
     validation = state.validation._replace(
         best_return=jnp.float32(-jnp.inf),
         best_actor=actor,

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from sympol.search.front.front import Front, Point, Returns, Spent
+from sympol.search.front.front import Cost, Front, Point, ReturnSummary
 from sympol.trees import DecisionTree
 from sympol.trees.actions import DiscreteActions
 
 NAMES = ("cart position", "cart velocity", "pole angle", "pole angular velocity")
-SPENT = Spent(1_230_000, 50_000, 640, 12.5)
+SPENT = Cost(1_230_000, 50_000, 640, 12.5)
 
 
 def chain(nodes: int) -> DecisionTree:
@@ -41,16 +41,16 @@ def steady() -> DecisionTree:
     )
 
 
-def returns(mean: float, spread: float = 1.0) -> Returns:
-    return Returns(100, mean, 5 * spread, mean - spread, mean + spread)
+def returns(mean: float, spread: float = 1.0) -> ReturnSummary:
+    return ReturnSummary(100, mean, 5 * spread, mean - spread, mean + spread)
 
 
 def point(
-    nodes: int, mean: float, *, road: str = "scratch", test: float | None = None, **parts: Any
+    nodes: int, mean: float, *, method: str = "scratch", test: float | None = None, **parts: Any
 ) -> Point:
     """A point with a validation return of ``mean``, tested unless ``test`` is NaN."""
     tested = None if test is not None and np.isnan(test) else returns(mean - 1 if test is None else test)
-    made: dict[str, Any] = {"road": road, "seed": 0, "spent": SPENT, "test": tested}
+    made: dict[str, Any] = {"method": method, "seed": 0, "cost": SPENT, "test": tested}
     return Point(chain(nodes), returns(mean), **made | parts)
 
 
@@ -60,11 +60,11 @@ def front(points: Sequence[Point], *, seed: int = 0, environment: str = "CartPol
         "commit": "abcdef0123456789",
         "date": "2026-11-22T10:00:00+00:00",
     }
-    return Front(environment, seed, tuple(points), spent=SPENT, **made | parts)
+    return Front(environment, seed, tuple(points), cost=SPENT, **made | parts)
 
 
 def ladder(seed: int = 0, *, environment: str = "CartPole-v1", shift: float = 0.0) -> Front:
     """Points of 1, 5, 7 and 31 nodes by two roads."""
     rows = [(1, 9.0, "scratch"), (5, 400.0, "teacher"), (7, 450.0, "scratch"), (31, 500.0, "teacher")]
-    points = [point(nodes, mean + shift, road=road) for nodes, mean, road in rows]
+    points = [point(nodes, mean + shift, method=method) for nodes, mean, method in rows]
     return front(points, seed=seed, environment=environment)

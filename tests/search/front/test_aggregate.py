@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sympol.search.front.aggregate import sizes_of, summarise
-from sympol.search.front.front import FrontError
+from sympol.search.front.front import FrontError, best_under_sizes, sizes_of
 
 from .synthetic import front, ladder, point
 
@@ -17,7 +16,7 @@ def test_the_mean_is_over_runs_of_tests_of_what_validation_chose():
     runs = [
         front([point(3, 10, test=9), point(5, 20 + seed, test=seed)], seed=seed) for seed in (0, 3, 9)
     ]  # fmt: skip
-    small, both = summarise(runs, [3, 8])
+    small, both = best_under_sizes(runs, [3, 8])
     assert (small.mean, small.std) == (9, 0)
     assert [(seed, of.nodes) for seed, of in both.runs] == [(0, 5), (3, 5), (9, 5)]
     tests = [0, 3, 9]
@@ -28,14 +27,14 @@ def test_the_mean_is_over_runs_of_tests_of_what_validation_chose():
 
 def test_a_run_without_a_tree_so_small_leaves_no_mean():
     runs = [front([point(1, 5), point(5, 20)], seed=0), front([point(5, 20)], seed=1)]
-    small, large = summarise(runs, [3, 5])
+    small, large = best_under_sizes(runs, [3, 5])
     assert small.mean is small.std is small.spread is None
     assert [of and of.nodes for _, of in small.runs] == [1, None]
     assert large.mean == 19
 
 
 def test_one_run_has_no_spread():
-    [only] = summarise([ladder()], [5])
+    [only] = best_under_sizes([ladder()], [5])
     assert (only.mean, only.std, only.spread) == (399, None, None)
 
 
@@ -50,7 +49,7 @@ def test_one_run_has_no_spread():
 )
 def test_runs_that_cannot_be_summed_up(runs, says):
     with pytest.raises(FrontError, match=says):
-        summarise(runs, [31])
+        best_under_sizes(runs, [31])
 
 
 def test_all_sizes():

@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from sympol.search.front.config import CHOOSING, OTHER_SHARES, SHARES, Plan
+from sympol.search.front.config import CHOOSING, OTHER_SHARES, SHARES, SearchConfig
 
 
 @pytest.mark.parametrize(
@@ -23,14 +23,14 @@ from sympol.search.front.config import CHOOSING, OTHER_SHARES, SHARES, Plan
     ],
 )
 def test_a_budget_is_a_time_or_steps(budget, seconds, steps):
-    plan = Plan("CartPole-v1", budget=budget)
+    plan = SearchConfig("CartPole-v1", budget=budget)
     assert (plan.seconds, plan.steps) == (seconds, steps)
 
 
 @pytest.mark.parametrize("budget", ["5", "5 minutes", "0s", "-3m", "many steps", "1e6 steps", "nan s"])
 def test_what_is_no_budget_is_refused_with_examples(budget):
     with pytest.raises(ValueError, match="90s, 5m or 1h, or environment steps"):
-        Plan("CartPole-v1", budget=budget)
+        SearchConfig("CartPole-v1", budget=budget)
 
 
 @pytest.mark.parametrize(
@@ -38,27 +38,27 @@ def test_what_is_no_budget_is_refused_with_examples(budget):
 )
 def test_too_little_for_one_run_is_refused_with_what_is_enough(budget, roads):
     with pytest.raises(ValueError, match=r"too small for one run.*at least 10s or \d+k steps") as refused:
-        Plan("CartPole-v1", budget=budget, roads=roads)
+        SearchConfig("CartPole-v1", budget=budget, methods=roads)
     enough = re.search(r"or (\d+k steps)", str(refused.value))[1]
-    assert Plan("CartPole-v1", budget=enough, roads=roads).roads == roads
+    assert SearchConfig("CartPole-v1", budget=enough, methods=roads).methods == roads
 
 
 def test_a_task_has_a_budget_of_its_own():
-    assert Plan("CartPole-v1").seconds == 120
-    assert Plan("LunarLander-v3").seconds == 1800
-    assert Plan("Anything-v0").seconds == 600
+    assert SearchConfig("CartPole-v1").seconds == 120
+    assert SearchConfig("LunarLander-v3").seconds == 1800
+    assert SearchConfig("Anything-v0").seconds == 600
 
 
 def test_a_task_has_a_number_of_teachers_unless_one_is_given():
-    assert Plan("LunarLander-v3").teachers == 4
-    assert Plan("Anything-v0").teachers == 2
-    assert Plan("LunarLander-v3", teachers=1).teachers == 1
+    assert SearchConfig("LunarLander-v3").teachers == 4
+    assert SearchConfig("Anything-v0").teachers == 2
+    assert SearchConfig("LunarLander-v3", teachers=1).teachers == 1
 
 
 @pytest.mark.parametrize("env", ["CartPole-v1", *OTHER_SHARES])
 @pytest.mark.parametrize("roads", [("scratch",), ("scratch", "evolve"), tuple(SHARES)])
 def test_roads_share_all_but_what_choosing_takes(env, roads):
-    plan = Plan(env, roads=roads)
+    plan = SearchConfig(env, methods=roads)
     assert sum(plan.share(road) for road in roads) == pytest.approx(1 - CHOOSING)
 
 
@@ -69,14 +69,14 @@ def test_each_task_divides_its_budget_among_all_roads():
 @pytest.mark.parametrize(("limit", "remedy"), [(8, "7 or 9"), (0, "1 or 3"), (-3, "1 or 3")])
 def test_trees_have_odd_sizes(limit, remedy):
     with pytest.raises(ValueError, match=f"odd and at least 1, got {limit}.*give {remedy}"):
-        Plan("CartPole-v1", max_nodes=limit)
+        SearchConfig("CartPole-v1", max_nodes=limit)
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"roads": ()}, "got none"),
-        ({"roads": ("scratch", "magic")}, "got scratch, magic"),
+        ({"methods": ()}, "got none"),
+        ({"methods": ("scratch", "magic")}, "got scratch, magic"),
         ({"trainings": 0}, "trainings must be at least 1, got 0"),
         ({"teachers": 0}, "teachers must be at least 1"),
         ({"islands": 0}, "islands must be at least 1"),
@@ -85,11 +85,11 @@ def test_trees_have_odd_sizes(limit, remedy):
 )
 def test_other_bad_input(wrong, words):
     with pytest.raises(ValueError, match=words):
-        Plan("CartPole-v1", **wrong)
+        SearchConfig("CartPole-v1", **wrong)
 
 
 def test_it_goes_through_json():
-    plan = Plan("CartPole-v1", {"size": 3}, seed=4, max_nodes=9, roads=("evolve",), budget="3m")
-    assert Plan.from_dict(json.loads(json.dumps(plan.to_dict()))) == plan
+    plan = SearchConfig("CartPole-v1", {"size": 3}, seed=4, max_nodes=9, methods=("evolve",), budget="3m")
+    assert SearchConfig.from_dict(json.loads(json.dumps(plan.to_dict()))) == plan
     with pytest.raises(ValueError, match="unknown fields speed"):
-        Plan.from_dict({"env": "CartPole-v1", "speed": 3})
+        SearchConfig.from_dict({"env": "CartPole-v1", "speed": 3})

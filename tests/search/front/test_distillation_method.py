@@ -11,16 +11,16 @@ import pytest
 from sympol import DecisionTree
 from sympol.distill import distill
 from sympol.envs.registry import resolve
-from sympol.search.evaluators.base import make_arena
+from sympol.search.evaluators.base import make_evaluator
 from sympol.search.evolve import Budget
 from sympol.search.front import distillation_method as road
 from sympol.search.front import finetune_schedule as polishing
-from sympol.search.front.candidates import Found, keep, kept
-from sympol.search.front.config import Plan
-from sympol.search.front.context import Site
-from sympol.search.front.distillation_method import player
-from sympol.search.front.finetune_schedule import APART, FAR, best_of, stages
-from sympol.search.front.front import Spent
+from sympol.search.front.candidates import Candidate, load_candidates, save_candidates
+from sympol.search.front.config import SearchConfig
+from sympol.search.front.context import TaskContext
+from sympol.search.front.distillation_method import distillation_player
+from sympol.search.front.finetune_schedule import APART, FAR, best_by_halving, stages
+from sympol.search.front.front import Cost
 
 from ...distill.teachers import cartpole, pendulum
 from ..bandit import Bandit
@@ -85,67 +85,73 @@ def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int, times: 
 
 def test_what_goes_on_is_the_best_of_the_race():
     truth = balanced(7)
-    arena = Bandit(truth)
+    evaluator = Bandit(truth)
     trees = [balanced(7, shift) for shift in (1.0, 0.4, 0.01, -0.6, 2.0, 0.9)]
-    means = arena.returns_of(trees[2], range(128)).mean()
-    assert all(arena.returns_of(tree, range(128)).mean() < means for tree in trees if tree is not trees[2])
-    assert best_of(arena, trees, 1) == [trees[2]]
-    assert best_of(arena, [trees[0]] * 3, 2) == [trees[0]]  # each once
-    second = sorted(trees, key=lambda tree: -arena.returns_of(tree, range(128)).mean())[:2]
-    assert best_of(arena, trees, 2) == second
+    means = evaluator.returns_of(trees[2], range(128)).mean()
+    assert all(
+        evaluator.returns_of(tree, range(128)).mean() < means for tree in trees if tree is not trees[2]
+    )
+    assert best_by_halving(evaluator, trees, 1) == [trees[2]]
+    assert best_by_halving(evaluator, [trees[0]] * 3, 2) == [trees[0]]  # each once
+    second = sorted(trees, key=lambda tree: -evaluator.returns_of(tree, range(128)).mean())[:2]
+    assert best_by_halving(evaluator, trees, 2) == second
 
 
 def test_distillation_plays_in_the_arena_what_the_arena_plays():
-    arena = make_arena(SPEC, 3)
+    evaluator = make_evaluator(SPEC, 3)
     tree = balanced(7)
-    learnt, chosen = (player(arena)(tree, 5, 11, purpose) for purpose in ("distill", "validation"))
+    learnt, chosen = (
+        distillation_player(evaluator)(tree, 5, 11, purpose) for purpose in ("distill", "validation")
+    )
     assert learnt.observations.shape == (learnt.lengths.sum(), 4)
     assert chosen.observations.shape == (0, 4)  # nobody learns from it
     assert learnt.returns.tolist() != chosen.returns.tolist()  # other episodes
-    again = player(make_arena(SPEC, 3))(tree, 5, 11, "distill")
+    again = distillation_player(make_evaluator(SPEC, 3))(tree, 5, 11, "distill")
     np.testing.assert_array_equal(learnt.returns, again.returns)
     assert learnt.returns.tolist() == learnt.lengths.tolist()  # CartPole pays one a step
 
 
 def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypatch):
-    plan = Plan("CartPole-v1", max_nodes=7, roads=("teacher",), budget="20M steps", teachers=1)
-    site = Site(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 1e9))
-    distilled = [Found(balanced(7), "teacher", Spent(1000, 50, 0, 2.0))]
-    keep(site.folder / "distilled", distilled, finished=True)
+    plan = SearchConfig("CartPole-v1", max_nodes=7, methods=("teacher",), budget="20M steps", teachers=1)
+    context = TaskContext(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 1e9))
+    distilled = [Candidate(balanced(7), "teacher", Cost(1000, 50, 0, 2.0))]
+    save_candidates(context.folder / "distilled", distilled, finished=True)
     half_polished = balanced(7, 0.05)
-    so_far = Spent(400_000, 50, 0, 3.0)
+    so_far = Cost(400_000, 50, 0, 3.0)
     sizes = [stage.nodes for stage in stages(7)]
-    keep(
-        site.folder / f"{sizes[0]}-nodes", [Found(half_polished, "teacher + polish", so_far)], finished=False
+    save_candidates(
+        context.folder / f"{sizes[0]}-nodes",
+        [Candidate(half_polished, "teacher + polish", so_far)],
+        finished=False,
     )
     polished = []
 
-    def polish(trees, arena, *, budget, **options):
+    def finetune_thresholds(trees, evaluator, *, budget, **options):
         tree = trees[0]
         polished.append((trees, budget, options["first_episode"]))
         return replace(tree, threshold=tree.threshold + np.float32(0.01) * ~tree.is_leaf)
 
-    monkeypatch.setattr(polishing, "polish", polish)
-    road.taught(site)
+    monkeypatch.setattr(polishing, "finetune_thresholds", finetune_thresholds)
+    road.run_distillation(context)
     first, budget, at = polished[0]
     assert first == [half_polished]
     assert budget.steps == (20e6 - 1050) * stages(7)[0].part - (so_far.env_steps - 1000)
     assert at == FAR
     for (trees, *_), size in zip(polished, sizes, strict=True):
         assert all(tree.n_nodes <= size for tree in trees)
-    found, finished = kept(site.folder)
+    found, finished = load_candidates(context.folder)
     assert finished
     assert found[0] == distilled[0]
-    costs = [one.spent.env_steps for one in found]
+    costs = [one.cost.env_steps for one in found]
     assert costs == sorted(costs)  # each step adds to the one before
-    assert {one.road for one in found} == {"teacher", "teacher + polish", "teacher + polish + shrink"}
-    road.taught(site)
+    assert {one.method for one in found} == {"teacher", "teacher + polish", "teacher + polish + shrink"}
+    road.run_distillation(context)
     assert len(polished) == len(sizes)
 
 
 def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, monkeypatch):
-    plan = Plan("CartPole-v1", max_nodes=7, roads=("teacher",), budget="20M steps", teachers=1)
-    site = Site(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 100.0))
+    plan = SearchConfig("CartPole-v1", max_nodes=7, methods=("teacher",), budget="20M steps", teachers=1)
+    context = TaskContext(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 100.0))
     made, teacher = [], cartpole()
 
     def distil(policy, method, *, max_nodes, **options):
@@ -156,19 +162,19 @@ def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, m
 
     monkeypatch.setattr(road, "distill_policy", distil)
     with pytest.raises(KeyboardInterrupt):
-        road._trees(site, teacher, teacher, [], Spent())
-    before, finished = kept(site.folder / "distilled")
+        road._trees(context, teacher, teacher, [], Cost())
+    before, finished = load_candidates(context.folder / "distilled")
     assert len(before) == 2
     assert not finished
-    assert made == [(31, site.seed), (31, site.seed + 1)]
+    assert made == [(31, context.seed), (31, context.seed + 1)]
     monkeypatch.setattr(
         road, "distill_policy", lambda *_, max_nodes, seed, **__: balanced(max_nodes, seed % 7)
     )
-    found = road._trees(site, teacher, teacher, before, Spent())
+    found = road._trees(context, teacher, teacher, before, Cost())
     assert found[:2] == before
     assert [one.tree.n_nodes for one in found[2:]] == [8 * times - 1 for times in road.TIMES[2:]]
-    late = [replace(before[0], spent=Spent(seconds=71.0))]
-    assert road._trees(site, teacher, teacher, late, Spent()) == late  # no time for another
+    late = [replace(before[0], cost=Cost(seconds=71.0))]
+    assert road._trees(context, teacher, teacher, late, Cost()) == late  # no time for another
 
 
 @pytest.mark.slow
@@ -176,11 +182,11 @@ def test_polishing_makes_more_of_a_distilled_tree_with_continuous_actions(tmp_pa
     spec = resolve("Pendulum-v1")
     options = {"num_iterations": 3, "episodes_per_iteration": 3, "num_validation_episodes": 3}
     tree = distill(pendulum(), "dagger", max_nodes=7, **options)
-    plan = Plan("Pendulum-v1", max_nodes=7, roads=("teacher",), budget="10M steps", teachers=1)
-    site = Site(plan, spec, tmp_path, 0, tmp_path / "teacher" / "0", Budget(10e6, 1e9))
-    keep(site.folder / "distilled", [Found(tree, "teacher", Spent())], finished=True)
-    road.taught(site)
-    polished = [one.tree for one in kept(site.folder)[0] if one.road == "teacher + polish"]
+    plan = SearchConfig("Pendulum-v1", max_nodes=7, methods=("teacher",), budget="10M steps", teachers=1)
+    context = TaskContext(plan, spec, tmp_path, 0, tmp_path / "teacher" / "0", Budget(10e6, 1e9))
+    save_candidates(context.folder / "distilled", [Candidate(tree, "teacher", Cost())], finished=True)
+    road.run_distillation(context)
+    polished = [one.tree for one in load_candidates(context.folder)[0] if one.method == "teacher + polish"]
     better = [one for one in polished if one.n_nodes == tree.n_nodes][-1]  # at the limit
-    returns = make_arena(spec, 1000, "validation").play([tree, better], range(512)).returns.mean(axis=1)
+    returns = make_evaluator(spec, 1000, "validation").play([tree, better], range(512)).returns.mean(axis=1)
     assert returns[1] > returns[0] + 30

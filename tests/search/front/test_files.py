@@ -14,7 +14,7 @@ from sympol.play import play
 from sympol.runs.metadata import RunError
 from sympol.runs.run import Run
 from sympol.search.front.files import place
-from sympol.search.front.front import Candidate, Front, FrontError, Point
+from sympol.search.front.front import EvaluatedCandidate, Front, FrontError, Point
 from sympol.trees import DecisionTree
 
 from ...tiny import refused, status_of
@@ -29,8 +29,8 @@ def played() -> Front:
     for nodes, tree in ((3, chain(3)), (5, steady())):
         returns = play(tree, SPEC, 4, seed=nodes, purpose="validation").returns
         tested = play(tree, SPEC, 4, seed=7).returns
-        points.append(Point.of(tree, returns, road="by hand", seed=3, test_returns=tested))
-    tried = (Candidate(9, 1 / 3, "by hand"),)
+        points.append(Point.of(tree, returns, method="by hand", seed=3, test_returns=tested))
+    tried = (EvaluatedCandidate(9, 1 / 3, "by hand"),)
     return front(points, seed=3, candidates=tried, budget={"seconds": 300})
 
 

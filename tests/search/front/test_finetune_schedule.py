@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from sympol.envs.registry import resolve
-from sympol.search.evaluators.base import make_arena
-from sympol.search.front.candidates import kept
-from sympol.search.front.config import Plan
+from sympol.search.evaluators.base import make_evaluator
+from sympol.search.front.candidates import load_candidates
+from sympol.search.front.config import SearchConfig
 from sympol.search.front.finetune_schedule import has_numbers
-from sympol.search.front.methods import walk
+from sympol.search.front.methods import run_task
 
 
 def test_numbers_are_what_is_no_category():
@@ -22,19 +22,19 @@ def test_numbers_are_what_is_no_category():
 
 @pytest.mark.slow
 def test_trees_from_scratch_are_polished_at_half_the_limit_and_a_quarter(tmp_path: Path):
-    plan = Plan("Pendulum-v1", max_nodes=15, roads=("scratch",), budget="60M steps", trainings=1)
-    walk(plan.to_dict(), str(tmp_path), "scratch", 0, 1e9, 40e6)
-    found, finished = kept(tmp_path / "scratch" / "0")
+    plan = SearchConfig("Pendulum-v1", max_nodes=15, methods=("scratch",), budget="60M steps", trainings=1)
+    run_task(plan.to_dict(), str(tmp_path), "scratch", 0, 1e9, 40e6)
+    found, finished = load_candidates(tmp_path / "scratch" / "0")
     assert finished
-    arena = make_arena(resolve("Pendulum-v1"), 5, "validation")
+    evaluator = make_evaluator(resolve("Pendulum-v1"), 5, "validation")
 
     def best(road: str, nodes: int) -> float:
-        trees = [one.tree for one in found if one.road.startswith(road) and one.tree.n_nodes <= nodes]
-        return float(arena.play(trees, range(300)).returns.mean(axis=1).max())
+        trees = [one.tree for one in found if one.method.startswith(road) and one.tree.n_nodes <= nodes]
+        return float(evaluator.play(trees, range(300)).returns.mean(axis=1).max())
 
-    only_trained = [one for one in found if "polish" not in one.road]
-    assert {one.road for one in found} >= {"scratch", "scratch + shrink", "scratch + polish"}
-    assert max(one.spent.env_steps for one in found) > max(one.spent.env_steps for one in only_trained)
+    only_trained = [one for one in found if "polish" not in one.method]
+    assert {one.method for one in found} >= {"scratch", "scratch + shrink", "scratch + polish"}
+    assert max(one.cost.env_steps for one in found) > max(one.cost.env_steps for one in only_trained)
     trained = [one.tree for one in only_trained if one.tree.n_nodes <= 15]
-    before = arena.play(trained, range(300)).returns.mean(axis=1).max()
+    before = evaluator.play(trained, range(300)).returns.mean(axis=1).max()
     assert best("scratch + polish", 15) > before + 10

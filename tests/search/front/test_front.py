@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sympol.search.front.front import Candidate, Front, FrontError, Point, Returns, Spent, non_dominated
+from sympol.search.front.front import (
+    Cost,
+    EvaluatedCandidate,
+    Front,
+    FrontError,
+    Point,
+    ReturnSummary,
+    non_dominated,
+)
 
 from .synthetic import chain, front, ladder, point, returns
 
@@ -34,16 +42,16 @@ def test_a_run_gives_its_best_tree_of_at_most_so_many_nodes():
 
 def test_the_interval_is_students():
     values = np.random.default_rng(3).exponential(size=40) * 100
-    found = Returns.of(values)
+    found = ReturnSummary.of(values)
     expected = stats.ttest_1samp(values, 0).confidence_interval(0.95)
     assert (found.episodes, found.mean, found.std) == (40, values.mean(), values.std(ddof=1))
     np.testing.assert_allclose((found.low, found.high), expected, rtol=1e-12)
-    assert Point.of(chain(3), values, road="scratch", seed=0).interval == (found.low, found.high)
+    assert Point.of(chain(3), values, method="scratch", seed=0).interval == (found.low, found.high)
 
 
 @pytest.mark.parametrize("value", [500.0, -0.1, 1 / 3, 0.9649999737739563])
 def test_where_all_episodes_are_alike_the_interval_is_the_mean(value):
-    found = Returns.of(np.full(100, value))
+    found = ReturnSummary.of(np.full(100, value))
     assert found.low <= found.mean <= found.high
     np.testing.assert_allclose([found.low, found.high], value, rtol=1e-12)
 
@@ -51,12 +59,12 @@ def test_where_all_episodes_are_alike_the_interval_is_the_mean(value):
 @pytest.mark.parametrize("values", [[], [1.0], [1.0, np.nan], [1.0, np.inf], [[1.0, 2.0]]])
 def test_returns_that_are_none(values):
     with pytest.raises(FrontError, match="at least 2 episodes"):
-        Returns.of(values)
+        ReturnSummary.of(values)
 
 
 def test_costs_add_up():
-    assert Spent(1, 2, 3, 0.5) + Spent(10, 20, 30, 4) == Spent(11, 22, 33, 4.5)
-    assert Spent(env_steps=np.int64(7)).env_steps == 7
+    assert Cost(1, 2, 3, 0.5) + Cost(10, 20, 30, 4) == Cost(11, 22, 33, 4.5)
+    assert Cost(env_steps=np.int64(7)).env_steps == 7
 
 
 @pytest.mark.parametrize(
@@ -64,12 +72,12 @@ def test_costs_add_up():
 )
 def test_costs_that_are_none(cost):
     with pytest.raises(FrontError, match=next(iter(cost))):
-        Spent(**cost)
+        Cost(**cost)
 
 
 def test_a_tree_is_tested_once():
     tested = point(5, 400, test=np.nan).tested([1.0, 2.0, 3.0])
-    assert tested.test == Returns.of([1, 2, 3])
+    assert tested.test == ReturnSummary.of([1, 2, 3])
     with pytest.raises(FrontError, match="has been tested"):
         tested.tested([1.0, 2.0])
 
@@ -77,7 +85,7 @@ def test_a_tree_is_tested_once():
 @pytest.mark.parametrize("road", ["", "two\nlines", "\x1b[31m"])
 def test_a_road_is_a_few_words(road):
     with pytest.raises(FrontError, match="road"):
-        point(3, 1, road=road)
+        point(3, 1, method=road)
 
 
 @pytest.mark.parametrize(
@@ -97,14 +105,14 @@ def test_what_is_no_front(points):
 
 def test_statistics_that_contradict_themselves():
     with pytest.raises(FrontError, match="interval"):
-        Returns(10, 5.0, 1.0, 6.0, 7.0)
+        ReturnSummary(10, 5.0, 1.0, 6.0, 7.0)
     with pytest.raises(FrontError, match="low"):
-        Returns(10, 5.0, 1.0, -np.inf, 7.0)
+        ReturnSummary(10, 5.0, 1.0, -np.inf, 7.0)
 
 
 def test_candidates_are_checked_too():
-    tried = [Candidate(np.int32(3), np.float32(0.5), "scratch")]
-    assert Front("X", 0, (point(1, 1),), tuple(tried)).candidates == (Candidate(3, 0.5, "scratch"),)
+    tried = [EvaluatedCandidate(np.int32(3), np.float32(0.5), "scratch")]
+    assert Front("X", 0, (point(1, 1),), tuple(tried)).candidates == (EvaluatedCandidate(3, 0.5, "scratch"),)
     with pytest.raises(FrontError, match="mean"):
-        Front("X", 0, (point(1, 1),), (Candidate(3, np.nan, "scratch"),))
+        Front("X", 0, (point(1, 1),), (EvaluatedCandidate(3, np.nan, "scratch"),))
     assert returns(1.0).low == 0.0

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from studies.galleries.published import published
 
-from sympol.search.front.front import Candidate, FrontError
+from sympol.search.front.front import EvaluatedCandidate, FrontError
 from sympol.search.front.plot import Reference, looks_of, plot, stairs
 
 from .synthetic import front, ladder, point
@@ -26,7 +26,7 @@ def data_of(ax, label):
 
 
 def test_marks_are_points_and_bars_are_their_intervals():
-    run = front([point(1, 300), point(5, 400, road="teacher"), point(31, 500)])
+    run = front([point(1, 300), point(5, 400, method="teacher"), point(31, 500)])
     ax = plot(run).axes[0]
     marks = np.concatenate([*data_of(ax, "scratch"), *data_of(ax, "teacher")])
     assert sorted(map(tuple, marks)) == [(p.nodes, p.mean) for p in run.points]
@@ -56,15 +56,23 @@ def test_each_level_of_a_tree_is_one_step_further():
 
 
 def test_roads_are_told_apart_without_colours():
-    runs = [front([point(2 * i + 1, i, road=f"road {i}") for i in range(7)])]
-    looks = looks_of(runs)
-    assert len({look.marker for look in looks.values()}) == len({look.colour for look in looks.values()}) == 7
-    again = [front([point(2 * i + 1, 7 - abs(i - 7), road=f"road {i}") for i in (6, 0, 3)][1:])]
-    assert looks_of([*again, *runs]) == looks
+    runs = [front([point(2 * i + 1, i, method=f"road {i}") for i in range(7)])]
+    interim_sizes = looks_of(runs)
+    assert (
+        len({look.marker for look in interim_sizes.values()})
+        == len({look.colour for look in interim_sizes.values()})
+        == 7
+    )
+    again = [front([point(2 * i + 1, 7 - abs(i - 7), method=f"road {i}") for i in (6, 0, 3)][1:])]
+    assert looks_of([*again, *runs]) == interim_sizes
 
 
 def test_what_was_tried_lies_faintly_behind():
-    tried = [Candidate(3, 350.0, "teacher"), Candidate(9, 390.0, "scratch"), Candidate(11, 410.0, "scratch")]
+    tried = [
+        EvaluatedCandidate(3, 350.0, "teacher"),
+        EvaluatedCandidate(9, 390.0, "scratch"),
+        EvaluatedCandidate(11, 410.0, "scratch"),
+    ]
     run = front([point(1, 300), point(31, 500)], candidates=tuple(tried))
     ax = plot(run).axes[0]
     faint = [tuple(at) for line in ax.lines if line.get_alpha() for at in line.get_xydata()]
@@ -73,7 +81,7 @@ def test_what_was_tried_lies_faintly_behind():
 
 def test_what_lies_far_below_is_said_in_words():
     rows = [(1, -500.0), (3, -84.0), (11, -83.5), (15, -83.0), (19, -81.0)]
-    run = front([point(*row) for row in rows], candidates=(Candidate(5, -499.0, "scratch"),))
+    run = front([point(*row) for row in rows], candidates=(EvaluatedCandidate(5, -499.0, "scratch"),))
     ax = plot(run).axes[0]
     assert ax.get_ylim()[0] > -120
     assert "↓ −500" in words_of(ax)
@@ -135,7 +143,7 @@ def test_a_label_that_stands_apart_is_led_to_its_mark():
 
 @pytest.mark.parametrize("roads", [1, 5, 9])
 def test_the_legend_is_inside_the_picture(roads):
-    points = [point(2 * i + 1, i, road=f"teacher + shrink + evolve {i}") for i in range(roads)]
+    points = [point(2 * i + 1, i, method=f"teacher + shrink + evolve {i}") for i in range(roads)]
     figure = plot([front(points, seed=seed) for seed in range(2)])
     FigureCanvasAgg(figure).draw()
     [legend] = figure.legends

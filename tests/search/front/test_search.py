@@ -22,16 +22,18 @@ from sympol.envs.registry import resolve
 from sympol.play import play
 from sympol.runs.lock import Busy, exclusive
 from sympol.runs.metadata import RunError
-from sympol.search.front.candidates import FILE, Found, keep, kept
-from sympol.search.front.config import Plan
+from sympol.search.front.candidates import FILE, Candidate, load_candidates, save_candidates
+from sympol.search.front.config import SearchConfig
 from sympol.search.front.distillation_method import warn_of_poor_teacher
-from sympol.search.front.front import Front, Spent
+from sympol.search.front.front import Cost, Front
 from sympol.search.front.search import _share, begin, search
 
 from ...tiny import refused
 
 SPEC = resolve("CartPole-v1")
-QUICK = Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="3M steps", islands=1, eval_episodes=20)
+QUICK = SearchConfig(
+    "CartPole-v1", max_nodes=5, methods=("evolve",), budget="3M steps", islands=1, eval_episodes=20
+)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +49,8 @@ def test_a_front_is_found_and_each_point_is_better_than_the_smaller_ones(quick):
     assert front.points[0].nodes == 1
     assert front.points[-1].nodes <= 5
     assert front.best().test.mean > 150  # a leaf earns nine
-    assert front.spent.env_steps >= 3_000_000
-    assert front.spent.selection_episodes > 0
+    assert front.cost.env_steps >= 3_000_000
+    assert front.cost.selection_episodes > 0
 
 
 def test_returns_of_the_test_are_those_of_its_episodes(quick):
@@ -79,15 +81,15 @@ def test_with_a_budget_in_steps_it_finds_the_same_front_again(quick, tmp_path):
 
 @pytest.mark.slow
 def test_all_roads_lead_to_a_front(tmp_path):
-    plan = Plan(
+    plan = SearchConfig(
         "CartPole-v1", max_nodes=15, budget="6M steps", trainings=1, teachers=1, islands=1, eval_episodes=20
     )
     front = search(plan, tmp_path / "all")
-    roads = {candidate.road for candidate in front.candidates}
+    roads = {candidate.method for candidate in front.candidates}
     # what is distilled has at most twice the limit, and is polished before it loses anything
     assert {"scratch + shrink", "teacher + polish + shrink", "scratch + teacher + evolve"} <= roads
     assert front.best().test.mean > 450
-    assert front.spent.teacher_steps > 0
+    assert front.cost.teacher_steps > 0
     for run in ("scratch/0/run", "teacher/0/teacher"):
         assert (tmp_path / "all" / run / "summary.json").exists()
 
@@ -95,7 +97,7 @@ def test_all_roads_lead_to_a_front(tmp_path):
 @pytest.mark.slow
 def test_a_killed_search_goes_on_where_it_was(tmp_path):
     folder = tmp_path / "front"
-    plan = Plan("CartPole-v1", max_nodes=5, roads=("evolve",), budget="160M steps")
+    plan = SearchConfig("CartPole-v1", max_nodes=5, methods=("evolve",), budget="160M steps")
     command = [sys.executable, "-m", "sympol", "pareto", "CartPole-v1", "--max-nodes", "5"]
     command += ["--roads", "evolve", "--budget", "160M steps", "--workers", "1", "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -106,14 +108,14 @@ def test_a_killed_search_goes_on_where_it_was(tmp_path):
         time.sleep(0.1)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    before, finished = kept(file.parent)
+    before, finished = load_candidates(file.parent)
     assert before
     assert not finished
     front = search(plan, folder)
-    after, finished = kept(file.parent)
+    after, finished = load_candidates(file.parent)
     assert finished
-    assert after[-1].spent.env_steps >= plan.steps * plan.share("evolve") / plan.islands
-    assert after[-1].spent.env_steps < 1.5 * plan.steps * plan.share("evolve") / plan.islands
+    assert after[-1].cost.env_steps >= plan.steps * plan.share("evolve") / plan.islands
+    assert after[-1].cost.env_steps < 1.5 * plan.steps * plan.share("evolve") / plan.islands
     assert front.best().test.mean > 400
 
 
@@ -122,17 +124,22 @@ def test_a_road_without_its_library_is_refused_before_anything_is_done(tmp_path,
         sympol.search.front.search, "LIBRARIES", {"scikit-learn": "sklearn", "pycma": "no_such_module"}
     )
     with pytest.raises(RunError, match=r"needs pycma, not installed here: pip install 'sympol\[bench\]'"):
-        begin(Plan("CartPole-v1"), tmp_path / "front")
+        begin(SearchConfig("CartPole-v1"), tmp_path / "front")
     assert not (tmp_path / "front").exists()
-    begin(Plan("CartPole-v1", roads=("scratch", "evolve")), tmp_path / "front")
+    begin(SearchConfig("CartPole-v1", methods=("scratch", "evolve")), tmp_path / "front")
 
 
 def test_another_plan_or_another_folder_is_refused(quick, tmp_path):
     _, folder = quick
     with pytest.raises(RunError, match=r"holds a search with max_nodes 5, not 7.*--overwrite"):
         begin(
-            Plan(
-                "CartPole-v1", max_nodes=7, roads=("evolve",), budget="3M steps", islands=1, eval_episodes=20
+            SearchConfig(
+                "CartPole-v1",
+                max_nodes=7,
+                methods=("evolve",),
+                budget="3M steps",
+                islands=1,
+                eval_episodes=20,
             ),
             folder,
         )
@@ -156,16 +163,16 @@ def test_what_a_road_found_is_kept_to_the_bit(tmp_path):
         np.array([2]), np.array([0.1]), np.array([[1.0, 0.0], [0.0, 1.0]]),
         actions=SPEC.actions, **SPEC.features.metadata(),
     )  # fmt: skip
-    found = [Found(tree, "scratch", Spent(3, 4, 5, 6.5))]
-    keep(tmp_path, found, finished=False)
-    assert kept(tmp_path) == (found, False)
-    assert kept(tmp_path / "nowhere") == ([], False)
+    found = [Candidate(tree, "scratch", Cost(3, 4, 5, 6.5))]
+    save_candidates(tmp_path, found, finished=False)
+    assert load_candidates(tmp_path) == (found, False)
+    assert load_candidates(tmp_path / "nowhere") == ([], False)
     content = json.loads((tmp_path / FILE).read_text())
     content["found"][0]["tree"]["nodes"] = "gone"
     del content["found"][0]["road"]
     (tmp_path / FILE).write_text(json.dumps(content))
     with pytest.raises(ValueError, match=r"cannot be read.*search again"):
-        kept(tmp_path)
+        load_candidates(tmp_path)
 
 
 def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
@@ -182,10 +189,10 @@ def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
 def test_a_poor_teacher_is_told_of_where_the_search_was_asked_for(tmp_path):
     lazy = sympol.PPO("mlp", "CartPole-v1", total_timesteps=8192, learning_rate_actor=1e-12)
     lazy.learn(progress_bar=False).save(tmp_path / "lazy")
-    plan = Plan(
+    plan = SearchConfig(
         "CartPole-v1",
         max_nodes=3,
-        roads=("teacher",),
+        methods=("teacher",),
         budget="2M steps",
         teachers=1,
         teacher=str(tmp_path / "lazy"),
@@ -195,7 +202,7 @@ def test_a_poor_teacher_is_told_of_where_the_search_was_asked_for(tmp_path):
 
 
 def test_what_a_road_had_taken_is_not_taken_from_it_again():
-    plan = Plan("CartPole-v1", roads=("scratch", "evolve"), budget="100s")
+    plan = SearchConfig("CartPole-v1", methods=("scratch", "evolve"), budget="100s")
     whole = _share(plan, "evolve", 30.0).seconds  # scratch took 30
     assert whole == pytest.approx(60)  # ten are for choosing
     assert _share(plan, "scratch", 0.0).seconds == pytest.approx(100 * plan.share("scratch"))

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from sympol.search.front.files import place
-from sympol.search.front.front import Spent
-from sympol.search.front.tables import markdown, next_steps, spent_words, table
+from sympol.search.front.front import Cost
+from sympol.search.front.tables import format_cost, markdown, next_steps, table
 
 from .synthetic import front, ladder, point
 
@@ -32,7 +32,7 @@ def rows_of(text):
 
 
 def test_the_table_fits_a_terminal_and_says_all():
-    run = front([point(1, -1500.25), point(101, -150.5, road="teacher + shrink + evolve", test=np.nan)])
+    run = front([point(1, -1500.25), point(101, -150.5, method="teacher + shrink + evolve", test=np.nan)])
     text = "\n".join(lines_of(run))
     assert max(map(len, text.splitlines())) <= 80
     for words in (
@@ -50,9 +50,9 @@ def test_the_table_fits_a_terminal_and_says_all():
 
 
 def test_markup_in_a_road_is_only_words():
-    text = "\n".join(lines_of(front([point(1, 1.0, road="[bold]a|b")])))
+    text = "\n".join(lines_of(front([point(1, 1.0, method="[bold]a|b")])))
     assert "[bold]a|b" in text
-    assert r"a\|b" in markdown(front([point(1, 1.0, road="[bold]a|b")]))
+    assert r"a\|b" in markdown(front([point(1, 1.0, method="[bold]a|b")]))
 
 
 def test_points_that_differ_look_different():
@@ -98,7 +98,7 @@ def test_what_to_type_next_names_the_best_point(folder):
 
 
 def test_costs_in_words():
-    assert spent_words(Spent(1_234_567, 0, 0, 61.4)) == "1.23 M steps, 61 s"
-    assert spent_words(Spent(950, 2_000_000, 40_000, 0)) == (
+    assert format_cost(Cost(1_234_567, 0, 0, 61.4)) == "1.23 M steps, 61 s"
+    assert format_cost(Cost(950, 2_000_000, 40_000, 0)) == (
         "950 steps + 2 M of a teacher, 40 k episodes to choose, 0 s"
     )

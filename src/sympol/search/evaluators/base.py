@@ -1,6 +1,6 @@
 """Where trees are compared: many of them on the same episodes.
 
-An episode has a number. Whatever is random in it, its start and its noise, depends on that number, the arena's seed
+An episode has a number. Whatever is random in it, its start and its noise, depends on that number, the evaluator's seed
 and its purpose alone, so that two trees in the same episode differ by what they do (common random numbers).
 """
 
@@ -22,7 +22,7 @@ Purpose: TypeAlias = Literal["refine", "validation"]
 _MAX_EPISODES = 1 << 31
 
 
-class Played(NamedTuple):
+class Returns(NamedTuple):
     """What each tree brought home from each episode."""
 
     returns: Float32[np.ndarray, "trees episodes"]
@@ -31,7 +31,7 @@ class Played(NamedTuple):
     """Steps."""
 
 
-class Arena(abc.ABC):
+class Evaluator(abc.ABC):
     """Plays trees on numbered episodes of one environment, deterministically, and counts what that costs.
 
     Raises:
@@ -40,17 +40,17 @@ class Arena(abc.ABC):
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
         if not 0 <= seed < 1 << 32:
-            raise ValueError(f"an arena's seed must be between 0 and 2^32 - 1, got {seed}")
+            raise ValueError(f"an evaluator's seed must be between 0 and 2^32 - 1, got {seed}")
         if purpose not in get_args(Purpose):
             raise ValueError(
-                f"an arena's purpose must be one of {', '.join(get_args(Purpose))}, got {purpose!r}"
+                f"an evaluator's purpose must be one of {', '.join(get_args(Purpose))}, got {purpose!r}"
             )
         self.spec, self.seed = spec, seed
         self.purpose: Purpose = purpose
         self.steps = 0
         """Environment steps so far, those of `observe` among them."""
 
-    def play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+    def play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         """Each tree on each of the episodes.
 
         Raises:
@@ -61,16 +61,16 @@ class Arena(abc.ABC):
         played = self._play(trees, episodes)
         return self._checked(played, episodes, int(played.lengths.sum(dtype=np.int64)))
 
-    def play_changed(self, tree: DecisionTree, others: Sequence[DecisionTree], episodes: range) -> Played:
+    def play_variants(self, tree: DecisionTree, others: Sequence[DecisionTree], episodes: range) -> Returns:
         """As `play` of the tree and the others, in this order, for others that mostly do what it does.
 
-        Where an arena can, what they do alike is played once, and counts once.
+        Where an evaluator can, what they do alike is played once, and counts once.
 
         Raises:
             ValueError, EnvironmentFailure: as `play` does.
         """
         self._check([tree, *others], episodes)
-        played, steps = self._play_changed([tree, *others], episodes)
+        played, steps = self._play_variants([tree, *others], episodes)
         return self._checked(played, episodes, steps)
 
     def observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
@@ -84,7 +84,7 @@ class Arena(abc.ABC):
         self.steps += len(seen)
         return seen
 
-    def _checked(self, played: Played, episodes: range, steps: int) -> Played:
+    def _checked(self, played: Returns, episodes: range, steps: int) -> Returns:
         self.steps += steps
         if not np.isfinite(played.returns).all():
             tree, episode = np.argwhere(~np.isfinite(played.returns))[0]
@@ -97,7 +97,7 @@ class Arena(abc.ABC):
     def _check(self, trees: Sequence[DecisionTree], episodes: range) -> None:
         if not trees or not episodes:
             raise ValueError(
-                f"an arena needs trees and episodes, got {len(trees)} trees and {len(episodes)} episodes"
+                f"an evaluator needs trees and episodes, got {len(trees)} trees and {len(episodes)} episodes"
             )
         if episodes.step != 1 or not 0 <= episodes.start < episodes.stop <= _MAX_EPISODES:
             raise ValueError(
@@ -115,9 +115,9 @@ class Arena(abc.ABC):
                 )
 
     @abc.abstractmethod
-    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played: ...
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns: ...
 
-    def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
+    def _play_variants(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Returns, int]:
         """And how many steps that took; most do what the first does."""
         played = self._play(trees, episodes)
         return played, int(played.lengths.sum(dtype=np.int64))
@@ -126,24 +126,23 @@ class Arena(abc.ABC):
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]: ...
 
 
-def make_arena(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Arena:
-    """An arena of tables where all of the environment is known, else inside a compiled program where it is written in
-    JAX, else in machine code where we have it, else on the host."""
+def make_evaluator(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Evaluator:
+    """Return the fastest evaluator an environment has: tabular, compiled in JAX, native, or Gymnasium."""
     if spec.env is not None:
         if spec.state_graph() is not None:
-            from .tabular import TableArena
+            from .tabular import TabularEvaluator
 
-            return TableArena(spec, seed, purpose)
-        from .jax import CompiledArena
+            return TabularEvaluator(spec, seed, purpose)
+        from .jax import JaxEvaluator
 
-        return CompiledArena(spec, seed, purpose)
+        return JaxEvaluator(spec, seed, purpose)
     if spec.native is not None:
-        from .native import FlownArena
+        from .native import NativeEvaluator
 
-        return FlownArena(spec, seed, purpose)
-    from .gymnasium import HostArena
+        return NativeEvaluator(spec, seed, purpose)
+    from .gymnasium import GymnasiumEvaluator
 
-    return HostArena(spec, seed, purpose)
+    return GymnasiumEvaluator(spec, seed, purpose)
 
 
 def _plain(actions: ActionSpec) -> tuple[object, ...]:

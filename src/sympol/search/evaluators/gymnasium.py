@@ -1,4 +1,4 @@
-"""The arena of an environment that only Gymnasium has: copies stepped one after the other, answered together."""
+"""The evaluator of an environment that only Gymnasium has: copies stepped one after the other, answered together."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ...envs.copies import open_copies
 from ...envs.spec import EnvSpec
 from ...play import SideBySide, episode_seed, limit_of, play_side_by_side
 from ...trees import DecisionTree
-from .base import Arena, Played, Purpose
-from .stacked_trees import Packed, answers
+from .base import Evaluator, Purpose, Returns
+from .packed_trees import StackedTrees, leaf_actions
 
 
-class HostArena(Arena):
+class GymnasiumEvaluator(Evaluator):
     """See the module.
 
     Copies are kept and reset for later episodes, each with that episode's seed; as in training, what an environment
@@ -31,9 +31,9 @@ class HostArena(Arena):
         self._limit = limit_of(spec)
         self._copies: Sequence[gymnasium.Env] | None = None
 
-    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         played, shape = self._run(trees, episodes, watch=False), (len(trees), len(episodes))
-        return Played(
+        return Returns(
             played.returns.reshape(shape).astype(np.float32),
             played.lengths.reshape(shape).astype(np.int32),
         )
@@ -42,8 +42,8 @@ class HostArena(Arena):
         return self._run([tree], episodes, watch=True).one_by_one()
 
     def _run(self, trees: Sequence[DecisionTree], episodes: range, *, watch: bool) -> SideBySide:
-        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        does = answers(packed, self.spec)
+        packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        does = leaf_actions(packed, self.spec)
 
         def act(jobs: ndarray, x: ndarray) -> ndarray:
             tree = jobs // len(episodes)
@@ -53,7 +53,7 @@ class HostArena(Arena):
         return play_side_by_side(act, self.spec, self._opened(), seeds, limit=self._limit, watch=watch)
 
     def _opened(self) -> Sequence[gymnasium.Env]:
-        """The copies, opened when they are first needed and closed with the arena."""
+        """The copies, opened when they are first needed and closed with the evaluator."""
         if self._copies is None:
             stack = contextlib.ExitStack()
             self._copies = stack.enter_context(open_copies(self.spec, self.spec.most_copies))

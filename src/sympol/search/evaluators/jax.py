@@ -1,34 +1,230 @@
-"""The arena of an environment written in JAX: one compiled program with a queue of episodes.
+"""Evaluator of environments written in JAX: one compiled program with a queue of episodes.
 
-Lanes step side by side. Where episodes have ended, lanes take the next ones from the queue, some at a time, so that
-short episodes wait for no long ones. Numbers of trees, of episodes and of nodes are traced: one program plays all trees
-of up to 32 leaves, another those of up to 127 nodes, 255, ….
+A batch of episodes is stepped together. Slots whose episode has ended take the next ones from the queue,
+several at a time, so that short episodes do not wait for long ones. Numbers of trees, of episodes and of nodes
+are traced: one program plays all trees of up to 32 leaves, others those of up to 127 nodes, 255, ….
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jax import Array
+from jaxtyping import Bool, Float, Float32, Int, UInt32
 from numpy import ndarray
 
+from ...algorithms.trainer import COMPILER_OPTIONS
 from ...compilation import require_no_fork
-from ...envs.env import Env
+from ...envs.env import MAX_EPISODE_STEPS, Env
 from ...envs.spec import EnvSpec
 from ...play import WORDS
+from ...policies.distributions import distribution_of
 from ...trees import DecisionTree
-from .base import Arena, Played, Purpose
-from .batched_rollouts import MAX_JOBS, WATCHED, Forest, player, watcher
-from .bitmask_trees import MAX_LEAVES, Masked
-from .pointer_trees import Linked
-from .stacked_trees import Packed
+from .base import Evaluator, Purpose, Returns
+from .packed_trees import MAX_LEAVES, BitmaskTrees, PointerTrees, StackedTrees
+
+BATCH_SIZE = 256
+"""Episodes that run side by side."""
+REFILL = BATCH_SIZE // 8
+"""Episodes that begin at once: lanes that are done wait for as many others. To begin costs more than to step."""
+UNROLL = 8
+"""Steps before the lanes that are done are counted."""
+MAX_JOBS = 1 << 14
+"""Episodes in one call, of all its trees together."""
+OBSERVED_AT_ONCE = 16
+"""Episodes that are observed at once."""
+
+PackedTrees: TypeAlias = BitmaskTrees | PointerTrees
+
+
+class RolloutBatch(NamedTuple):
+    """What runs side by side."""
+
+    job: Int[Array, " lanes"]
+    """`MAX_JOBS` where there is none."""
+    tree: Int[Array, " lanes"]
+    key: UInt32[Array, "lanes 2"]
+    env_state: Any
+    observation: Float[Array, "lanes features"]
+    time: Int[Array, " lanes"]
+    total: Float[Array, " lanes"]
+    done: Bool[Array, " lanes"]
+
+
+def keys_of(base: Array, number: Int[Array, ""]) -> tuple[Array, Array]:
+    """What is random in a numbered episode: at its start, and in its steps."""
+    reset_key, step_key = jax.random.split(jax.random.fold_in(base, number))
+    return reset_key, step_key
+
+
+class _Player(NamedTuple):
+    """An environment many times, and what trees do in it."""
+
+    env: Env
+    forest: PackedTrees
+    leaf_actions: Array
+    """What each leaf of each tree does, as the environment takes it ``[trees · leaves, ...]``."""
+
+    @staticmethod
+    def of(env: Env, forest: PackedTrees) -> _Player:
+        distribution = distribution_of(env.action_space)
+        actions = distribution.to_env(distribution.mode(jnp.asarray(forest.value)))
+        return _Player(env, forest, actions.reshape(-1, *actions.shape[2:]))
+
+    @property
+    def limit(self) -> int:
+        """Steps of the longest episode."""
+        return getattr(self.env, "max_episode_steps", None) or MAX_EPISODE_STEPS
+
+    def begin(
+        self, key: Array, job: Int[Array, " lanes"], tree: Int[Array, " lanes"], number: Int[Array, " lanes"]
+    ) -> RolloutBatch:
+        """Numbered episodes."""
+        base = jax.random.wrap_key_data(key)
+
+        def one(number: Int[Array, ""]) -> tuple[Array, Any, Array]:
+            reset_key, step_key = keys_of(base, number)
+            return jax.random.key_data(step_key), *self.env.reset(reset_key)
+
+        zero = jnp.zeros_like(job)
+        return RolloutBatch(job, tree, *jax.vmap(one)(number), zero, jnp.zeros(job.shape), zero > 0)
+
+    def step(self, lanes: RolloutBatch, tree_slices: tuple[Array, ...]) -> RolloutBatch:
+        """One step of each lane; of those that were done before it only the state moves on."""
+        leaf = self.forest.apply(lanes.tree, tree_slices, lanes.observation)
+        action = self.leaf_actions[lanes.tree * self.forest.value.shape[1] + leaf]
+        now = jax.vmap(jax.random.fold_in)(jax.random.wrap_key_data(lanes.key), lanes.time)
+        env_state, step = jax.vmap(self.env.step)(now, lanes.env_state, action)
+        time = jnp.where(lanes.done, lanes.time, lanes.time + 1)
+        over = step.terminated | step.truncated | (time >= self.limit)
+        return lanes._replace(
+            env_state=env_state,
+            observation=step.observation,
+            time=time,
+            total=lanes.total + jnp.where(lanes.done, 0.0, step.reward),
+            done=lanes.done | over,
+        )
+
+
+class _Queue(NamedTuple):
+    """The lanes, what they hold of their trees, how many jobs they have taken, and what came of those."""
+
+    taken: Int[Array, ""]
+    lanes: RolloutBatch
+    tree_slices: tuple[Array, ...]
+    returns: Float[Array, " jobs"]
+    lengths: Int[Array, " jobs"]
+
+    def written(self, where: Int[Array, " some"]) -> _Queue:
+        """With the results of these lanes; of none where the number is no lane's."""
+        job = self.lanes.job.at[where].get(mode="fill", fill_value=MAX_JOBS)
+        total, time = (part.at[where].get(mode="clip") for part in (self.lanes.total, self.lanes.time))
+        return self._replace(
+            returns=self.returns.at[job].set(total, mode="drop"),
+            lengths=self.lengths.at[job].set(time, mode="drop"),
+        )
+
+
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    return jax.jit(function, compiler_options=COMPILER_OPTIONS)
+
+
+@functools.lru_cache(maxsize=16)
+def compile_play(env: Env) -> Callable[..., tuple[Array, Array]]:
+    """``run(forest, key, first, num_episodes, num_trees)``: returns and lengths of the jobs.
+
+    The job of a tree in an episode has the number tree · num_episodes + episode.
+    """
+
+    def run(
+        forest: PackedTrees, key: Array, first: Array, num_episodes: Array, num_trees: Array
+    ) -> tuple[Array, Array]:
+        world, num_jobs = _Player.of(env, forest), num_trees * num_episodes
+
+        def begin(job: Int[Array, " lanes"]) -> RolloutBatch:
+            tree = jnp.minimum(job // num_episodes, num_trees - 1)
+            return world.begin(key, job, tree, first + job % num_episodes)
+
+        def fill(queue: _Queue) -> _Queue:
+            free = jnp.nonzero(queue.lanes.done, size=REFILL, fill_value=BATCH_SIZE)[0]
+            job = queue.taken + jnp.arange(REFILL)
+            where = jnp.where(
+                job < num_jobs, free, BATCH_SIZE
+            )  # what goes to a lane beyond the last is dropped
+            new = begin(job)
+            return queue.written(where)._replace(
+                taken=queue.taken + jnp.sum(where < BATCH_SIZE),
+                lanes=jax.tree.map(lambda old, new: old.at[where].set(new, mode="drop"), queue.lanes, new),
+                tree_slices=tuple(
+                    old.at[..., where].set(new, mode="drop")
+                    for old, new in zip(queue.tree_slices, forest.tree_slices(new.tree), strict=True)
+                ),
+            )
+
+        def until_some_are_done(queue: _Queue) -> _Queue:
+            enough = jnp.where(queue.taken < num_jobs, REFILL, BATCH_SIZE)
+
+            def burst(lanes: RolloutBatch) -> RolloutBatch:
+                return jax.lax.fori_loop(
+                    0, UNROLL, lambda _, lanes: world.step(lanes, queue.tree_slices), lanes
+                )
+
+            lanes = jax.lax.while_loop(lambda lanes: jnp.sum(lanes.done) < enough, burst, queue.lanes)
+            return queue._replace(lanes=lanes)
+
+        nobody = jax.tree.map(jnp.zeros_like, begin(jnp.zeros(BATCH_SIZE, jnp.int32)))
+        nobody = nobody._replace(job=jnp.full(BATCH_SIZE, MAX_JOBS), done=jnp.ones(BATCH_SIZE, bool))
+        nothing = jnp.zeros(MAX_JOBS), jnp.zeros(MAX_JOBS, jnp.int32)
+        queue = _Queue(
+            jnp.int32(0), nobody, jax.tree.map(jnp.zeros_like, forest.tree_slices(nobody.tree)), *nothing
+        )
+        queue = jax.lax.while_loop(
+            lambda queue: (queue.taken < num_jobs) | ~jnp.all(queue.lanes.done),
+            lambda queue: until_some_are_done(fill(queue)),
+            queue,
+        )
+        return queue.written(jnp.arange(BATCH_SIZE))[-2:]
+
+    return _compiled(run)
+
+
+@functools.lru_cache(maxsize=16)
+def compile_observe(env: Env) -> Callable[..., tuple[Array, Array]]:
+    """``watch(forest, key, first)``: what the first tree sees in so many episodes ``[time, episodes, features]``.
+
+    And at which times an episode is still going on.
+    """
+
+    def watch(forest: PackedTrees, key: Array, first: Array) -> tuple[Array, Array]:
+        world, zero = _Player.of(env, forest), jnp.zeros(OBSERVED_AT_ONCE, jnp.int32)
+        tree_slices = forest.tree_slices(zero)
+
+        def one_step(carry: tuple[RolloutBatch, Array, Array]) -> tuple[RolloutBatch, Array, Array]:
+            lanes, seen, running = carry
+            now = jnp.max(lanes.time)
+            seen, running = seen.at[now].set(lanes.observation), running.at[now].set(~lanes.done)
+            return world.step(lanes, tree_slices), seen, running
+
+        lanes = world.begin(key, zero, zero, first + jnp.arange(OBSERVED_AT_ONCE))
+        nothing = (
+            jnp.zeros((world.limit, *lanes.observation.shape)),
+            jnp.zeros((world.limit, OBSERVED_AT_ONCE), bool),
+        )
+        return jax.lax.while_loop(lambda c: ~jnp.all(c[0].done), one_step, (lanes, *nothing))[1:]
+
+    return _compiled(watch)
+
 
 MAX_TREES = 1 << 8
 """Trees in one call."""
 
 
-class CompiledArena(Arena):
+class JaxEvaluator(Evaluator):
     """See the module."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
@@ -37,9 +233,9 @@ class CompiledArena(Arena):
         self._env: Env = spec.env
         self._key = np.array([WORDS[purpose], seed], np.uint32)
 
-    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         require_no_fork()
-        run, at_once = player(self._env), min(len(episodes), MAX_JOBS)
+        run, at_once = compile_play(self._env), min(len(episodes), MAX_JOBS)
         rows = min(MAX_TREES, MAX_JOBS // at_once)
         played: list[list[ndarray]] = []
         for i in range(0, len(trees), rows):
@@ -51,21 +247,21 @@ class CompiledArena(Arena):
                 shape = (len(some), len(numbers))
                 parts.append([np.asarray(part)[: shape[0] * shape[1]].reshape(shape) for part in results])
             played.append([np.concatenate(part, axis=1) for part in zip(*parts, strict=True)])
-        return Played(*(np.concatenate(part) for part in zip(*played, strict=True)))
+        return Returns(*(np.concatenate(part) for part in zip(*played, strict=True)))
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
         require_no_fork()
-        watch, forest = watcher(self._env), _forest([tree], 1)
+        watch, forest = compile_observe(self._env), _forest([tree], 1)
         seen = []
-        for i in range(0, len(episodes), WATCHED):
-            numbers = episodes[i : i + WATCHED]
+        for i in range(0, len(episodes), OBSERVED_AT_ONCE):
+            numbers = episodes[i : i + OBSERVED_AT_ONCE]
             rows, running = map(np.asarray, watch(forest, self._key, np.int32(numbers.start)))
             seen += [rows[running[:, k], k] for k in range(len(numbers))]
         return np.concatenate(seen)
 
 
-def _forest(trees: Sequence[DecisionTree], num_trees: int) -> Forest:
+def _forest(trees: Sequence[DecisionTree], num_trees: int) -> PackedTrees:
     if max(tree.n_leaves for tree in trees) <= MAX_LEAVES:
-        return Masked.of(trees, num_trees)
+        return BitmaskTrees.of(trees, num_trees)
     num_nodes = (1 << max(tree.n_nodes for tree in trees).bit_length()) - 1
-    return Linked.of(Packed.of(trees, num_trees, num_nodes))
+    return PointerTrees.of(StackedTrees.of(trees, num_trees, num_nodes))

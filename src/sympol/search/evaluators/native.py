@@ -1,4 +1,4 @@
-"""The arena of environments with machine code: whole episodes, a thread for each processor."""
+"""The evaluator of environments with machine code: whole episodes, a thread for each processor."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ...envs.spec import EnvSpec
 from ...play import episode_seed
 from ...threads import threads
 from ...trees import DecisionTree
-from .base import Arena, Played, Purpose
-from .stacked_trees import Packed, answers
+from .base import Evaluator, Purpose, Returns
+from .packed_trees import StackedTrees, leaf_actions
 
 T = TypeVar("T")
 
 
-class FlownArena(Arena):
+class NativeEvaluator(Evaluator):
     """See the module."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
@@ -29,9 +29,9 @@ class FlownArena(Arena):
         assert spec.native is not None
         self._engine: NativeEngine = spec.native
 
-    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
-        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        actions = answers(packed, self.spec)
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
+        packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        actions = leaf_actions(packed, self.spec)
         seeds = np.tile(self._seeds(episodes), len(trees))
         tree = np.repeat(np.arange(len(trees), dtype=np.int32), len(episodes))
         flown = _shared(lambda part: self._engine.play(packed, actions, tree[part], seeds[part]))
@@ -39,21 +39,21 @@ class FlownArena(Arena):
         for part, (earned, took) in flown:
             returns[part], lengths[part] = earned, took
         shape = len(trees), len(episodes)
-        return Played(returns.reshape(shape), lengths.reshape(shape))
+        return Returns(returns.reshape(shape), lengths.reshape(shape))
 
-    def _play_changed(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Played, int]:
-        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        actions, seeds = answers(packed, self.spec), self._seeds(episodes)
+    def _play_variants(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Returns, int]:
+        packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        actions, seeds = leaf_actions(packed, self.spec), self._seeds(episodes)
         flown = _shared(lambda part: self._engine.play_similar(packed, actions, seeds[part]))
         shape = len(trees), len(seeds)
-        played = Played(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
+        played = Returns(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
         for part, (earned, took, _) in flown:
             played.returns[:, part], played.lengths[:, part] = earned, took
         return played, sum(steps for _, (*_, steps) in flown)
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
-        packed = Packed.of([tree], 1, tree.n_nodes)
-        return self._engine.observe(packed, answers(packed, self.spec), self._seeds(episodes))
+        packed = StackedTrees.of([tree], 1, tree.n_nodes)
+        return self._engine.observe(packed, leaf_actions(packed, self.spec), self._seeds(episodes))
 
     def _seeds(self, episodes: range) -> ndarray:
         return np.array([episode_seed(self.seed, episode, self.purpose) for episode in episodes], np.uint64)

@@ -1,10 +1,10 @@
-"""The arena of a world so small that all its states are listed (`sympol.envs.capabilities.StateGraph`).
+"""The evaluator of a world so small that all its states are listed (`sympol.envs.capabilities.StateGraph`).
 
 A tree is evaluated once on each observation there is. An episode then is a walk through a table of where each action
 leads. A walk that reaches the same state again repeats itself for ever, as nothing else is remembered: it earns
 nothing, and need not be followed until its time is over (Brent's algorithm detects that).
 
-Episodes, returns and lengths are those of `CompiledArena`, to the bit.
+Episodes, returns and lengths are those of `JaxEvaluator`, to the bit.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from ...envs.env import Env
 from ...envs.spec import EnvSpec
 from ...play import WORDS
 from ...trees import DecisionTree
-from .base import Arena, Played, Purpose
-from .batched_rollouts import keys_of
-from .stacked_trees import Packed, answers
+from .base import Evaluator, Purpose, Returns
+from .jax import keys_of
+from .packed_trees import StackedTrees, leaf_actions
 
 ASKED = 1 << 16
 """Observations that trees are asked about in one go, those of each tree counted."""
@@ -34,7 +34,7 @@ ASKED = 1 << 16
 
 def play_table(
     graph: StateGraph, act: Int[np.ndarray, "policies observations"], starts: Int[np.ndarray, " starts"]
-) -> Played:
+) -> Returns:
     """Return what each policy, an action for each observation, earns from each state, and in how many steps."""
     successor, limit = graph.successor, graph.max_steps
     job = np.arange(len(act) * len(starts))
@@ -54,7 +54,7 @@ def play_table(
         if time & (time - 1) == 0:
             mark = state
     shape = len(act), len(starts)
-    return Played(returns.reshape(shape), lengths.reshape(shape))
+    return Returns(returns.reshape(shape), lengths.reshape(shape))
 
 
 def path(graph: StateGraph, act: Int[np.ndarray, " observations"], start: int) -> list[int]:
@@ -68,7 +68,7 @@ def path(graph: StateGraph, act: Int[np.ndarray, " observations"], start: int) -
     return states
 
 
-class TableArena(Arena):
+class TabularEvaluator(Evaluator):
     """See the module. For environments that have a state graph."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
@@ -81,12 +81,12 @@ class TableArena(Arena):
         self._key = np.array([WORDS[purpose], seed], np.uint32)
         self._begun: dict[range, Int[np.ndarray, " episodes"]] = {}
 
-    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Played:
+    def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         starts, episode = np.unique(self.starts(episodes), return_inverse=True)
         rows = max(1, ASKED // len(self.graph.observations))
         acts = (self._actions(trees[i : i + rows]) for i in range(0, len(trees), rows))
         parts = [play_table(self.graph, act, starts) for act in acts]
-        return Played(*(np.concatenate(part)[:, episode] for part in zip(*parts, strict=True)))
+        return Returns(*(np.concatenate(part)[:, episode] for part in zip(*parts, strict=True)))
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
         act = self._actions([tree])[0]
@@ -104,11 +104,11 @@ class TableArena(Arena):
 
     def _actions(self, trees: Sequence[DecisionTree]) -> Int[np.ndarray, "trees observations"]:
         """What each tree does on each observation."""
-        packed = Packed.of(trees, len(trees), max(tree.n_nodes for tree in trees))
+        packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
         shape = len(trees), len(self.graph.observations)
         tree = np.repeat(np.arange(shape[0]), shape[1])
         node = packed.apply(tree, np.tile(self.graph.observations, (shape[0], 1)))
-        return answers(packed, self.spec)[tree, node].reshape(shape)
+        return leaf_actions(packed, self.spec)[tree, node].reshape(shape)
 
 
 @lru_cache(maxsize=4)

@@ -1,4 +1,4 @@
-"""What a road has found, as a file: trees, how they were made, what that cost."""
+"""Candidates of a task, saved as JSON: trees, the methods that made them, and their cost."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from pathlib import Path
 from ... import files
 from ...bounded import parse_json
 from ...trees import DecisionTree
-from .front import Spent
+from .front import Cost
 
 FILE = "found.json"
-HEAT = "heat.json"
-"""The best return of each size so far, for whoever looks on."""
+PROGRESS = "heat.json"
+"""The best return of each size so far, for the live display."""
 
 
 @dataclass(frozen=True)
-class Found:
+class Candidate:
     """A tree, and the road to it."""
 
     tree: DecisionTree
-    road: str
-    spent: Spent
+    method: str
+    cost: Cost
 
 
-def keep(folder: Path, found: Iterable[Found], *, finished: bool) -> None:
+def save_candidates(folder: Path, found: Iterable[Candidate], *, finished: bool) -> None:
     """Write what a road has found so far."""
     rows = [
-        {"road": one.road, "spent": asdict(one.spent), "tree": json.loads(one.tree.to_json())}
+        {"road": one.method, "spent": asdict(one.cost), "tree": json.loads(one.tree.to_json())}
         for one in found
     ]
     folder.mkdir(parents=True, exist_ok=True)
@@ -37,7 +37,7 @@ def keep(folder: Path, found: Iterable[Found], *, finished: bool) -> None:
     files.write(folder / FILE, text)
 
 
-def kept(folder: Path) -> tuple[list[Found], bool]:
+def load_candidates(folder: Path) -> tuple[list[Candidate], bool]:
     """What it has found, and whether it is at its end; nothing where there is no such file.
 
     Raises:
@@ -49,7 +49,7 @@ def kept(folder: Path) -> tuple[list[Found], bool]:
     try:
         content = parse_json(files.read_text(file), "it")
         rows = [
-            Found(DecisionTree.from_json(json.dumps(row["tree"])), str(row["road"]), Spent(**row["spent"]))
+            Candidate(DecisionTree.from_json(json.dumps(row["tree"])), str(row["road"]), Cost(**row["spent"]))
             for row in content["found"]
         ]
         return rows, bool(content["finished"])

@@ -29,7 +29,7 @@ _STEPS = {"k": 1e3, "M": 1e6, "G": 1e9, "": 1.0}
 
 
 @dataclass(frozen=True)
-class Plan:
+class SearchConfig:
     """One search.
 
     Raises:
@@ -42,7 +42,7 @@ class Plan:
     max_nodes: int = 63
     budget: str = ""
     """A time or a number of environment steps, such as "5m" or "50M steps"; by default so many `MINUTES`."""
-    roads: tuple[str, ...] = tuple(SHARES)
+    methods: tuple[str, ...] = tuple(SHARES)
     """Taken in this order, whatever order they are given in: evolution starts from what the others found."""
     teacher: str = ""
     """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
@@ -57,11 +57,11 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Check."""
-        if not self.roads or not {*self.roads} <= SHARES.keys():
+        if not self.methods or not {*self.methods} <= SHARES.keys():
             raise ValueError(
-                f"roads must be some of {', '.join(SHARES)}, got {', '.join(self.roads) or 'none'}"
+                f"roads must be some of {', '.join(SHARES)}, got {', '.join(self.methods) or 'none'}"
             )
-        object.__setattr__(self, "roads", tuple(road for road in SHARES if road in self.roads))
+        object.__setattr__(self, "methods", tuple(road for road in SHARES if road in self.methods))
         object.__setattr__(self, "env_kwargs", dict(self.env_kwargs))
         if not self.budget:
             object.__setattr__(self, "budget", f"{MINUTES.get(self.env, 10.0):g}m")
@@ -82,8 +82,8 @@ class Plan:
 
     def _check_budget(self) -> None:
         _read(self.budget)
-        runs = {road: self.number(road) * (2 if road == "teacher" else 1) for road in self.roads}
-        least = max(LEAST_STEPS * runs[road] / self.share(road) for road in self.roads)
+        runs = {road: self.number(road) * (2 if road == "teacher" else 1) for road in self.methods}
+        least = max(LEAST_STEPS * runs[road] / self.share(road) for road in self.methods)
         if self.seconds < LEAST_SECONDS or self.steps < least:
             raise ValueError(
                 f"budget is too small for one run: {self.budget!r}; give at least {LEAST_SECONDS:.0f}s or "
@@ -108,19 +108,22 @@ class Plan:
     def share(self, road: str) -> float:
         """The part of the budget that a road has."""
         shares = OTHER_SHARES.get(self.env, SHARES)
-        return (1 - CHOOSING) * shares[road] / sum(shares[taken] for taken in self.roads)
+        return (1 - CHOOSING) * shares[road] / sum(shares[taken] for taken in self.methods)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        return {**asdict(self), "roads": list(self.roads)}
+        values = asdict(self)
+        values["roads"] = list(values.pop("methods"))
+        return values
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """What `to_dict` gave; raises ValueError for what is not that."""
-        known = {part.name for part in fields(cls)}
+        known = {part.name for part in fields(cls)} - {"methods"} | {"roads"}
         if not values.keys() <= known:
             raise ValueError(f"unknown fields {', '.join(sorted(values.keys() - known))}")
-        return cls(**values)
+        values = dict(values)
+        return cls(methods=tuple(values.pop("roads")), **values)
 
 
 def _read(budget: str) -> tuple[float, float]:

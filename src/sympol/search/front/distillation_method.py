@@ -28,11 +28,11 @@ from ...envs.registry import resolve
 from ...play import Episodes, Purpose, play
 from ...teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ...trees import DecisionTree
-from ..evaluators.base import Arena, make_arena
-from .candidates import Found, keep, kept
-from .context import TRAINING, Site, chained, part, trained
-from .finetune_schedule import STARTS, best_of, polished, stages
-from .front import Spent
+from ..evaluators.base import Evaluator, make_evaluator
+from .candidates import Candidate, load_candidates, save_candidates
+from .context import TRAINING, TaskContext, prune_candidates, scale_budget, train_policy
+from .finetune_schedule import STARTS, best_by_halving, finetune_candidates, stages
+from .front import Cost
 
 DISTILLING = 0.7
 """Of the share of seconds, after which no further tree is distilled."""
@@ -44,49 +44,53 @@ ITERATIONS = 12
 """Trees that are fitted one after the other, of which distillation takes the best."""
 
 
-def taught(site: Site) -> None:
-    """Go the road; what is found is in the site's folder then."""
-    found = _distilled(site)
-    keep(site.folder, found, finished=False)
-    polished(site, found, "teacher")
+def run_distillation(context: TaskContext) -> None:
+    """Go the road; what is found is in the context's folder then."""
+    found = _distilled(context)
+    save_candidates(context.folder, found, finished=False)
+    finetune_candidates(context, found, "teacher")
 
 
-def _distilled(site: Site) -> list[Found]:
+def _distilled(context: TaskContext) -> list[Candidate]:
     """Trees made of the teacher, and the best of them pruned by return until they can be polished."""
-    folder = site.folder / "distilled"
-    before, finished = kept(folder)
+    folder = context.folder / "distilled"
+    before, finished = load_candidates(folder)
     if finished:
         return before
-    if site.plan.teacher:
-        teacher, cost = _given(site), Spent()
+    if context.plan.teacher:
+        teacher, cost = _load_teacher(context), Cost()
     else:
-        teacher, spent = trained(site, "mlp", site.folder / "teacher", part(site.share, TRAINING))
-        cost = Spent(teacher_steps=spent.env_steps, seconds=spent.seconds)
+        teacher, spent = train_policy(
+            context, "mlp", context.folder / "teacher", scale_budget(context.share, TRAINING)
+        )
+        cost = Cost(teacher_steps=spent.env_steps, seconds=spent.seconds)
     asked = as_teacher(teacher)
     warn_of_poor_teacher(asked)
-    trees = _trees(site, teacher, asked, before, cost)
-    arena, began = make_arena(site.spec, site.seed), time.perf_counter()
-    best = best_of(arena, [one.tree for one in trees], STARTS)
-    cost = trees[-1].spent + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
-    found, largest = list(trees), stages(site.plan.max_nodes)[0].nodes
+    trees = _trees(context, teacher, asked, before, cost)
+    evaluator, began = make_evaluator(context.spec, context.seed), time.perf_counter()
+    best = best_by_halving(evaluator, [one.tree for one in trees], STARTS)
+    cost = trees[-1].cost + Cost(env_steps=evaluator.steps, seconds=time.perf_counter() - began)
+    found, largest = list(trees), stages(context.plan.max_nodes)[0].nodes
     for tree in best:
-        found += chained(site, tree, "teacher", cost, smallest=largest)
-        cost = found[-1].spent
+        found += prune_candidates(context, tree, "teacher", cost, smallest=largest)
+        cost = found[-1].cost
     within = [one for one in found if one.tree.n_nodes <= largest]
-    keep(folder, within, finished=True)
+    save_candidates(folder, within, finished=True)
     return within
 
 
-def _trees(site: Site, policy: Any, teacher: Teacher, before: Sequence[Found], cost: Spent) -> list[Found]:
+def _trees(
+    context: TaskContext, policy: Any, teacher: Teacher, before: Sequence[Candidate], cost: Cost
+) -> list[Candidate]:
     """Large trees that imitate the teacher, besides those of ``before``, as many as time allows; one at least."""
-    episodes, found = EPISODES[site.spec.backend], list(before)
+    episodes, found = EPISODES[context.spec.backend], list(before)
     soft = default_method(policy, teacher) == DISCRETIZE
-    limits = [0] if soft else [max(3, times * (site.plan.max_nodes + 1) - 1) for times in TIMES]
+    limits = [0] if soft else [max(3, times * (context.plan.max_nodes + 1) - 1) for times in TIMES]
     for i, limit in list(enumerate(limits))[len(before) :]:
-        spent = found[-1].spent if found else cost
-        if found and spent.seconds > DISTILLING * site.share.seconds:
+        spent = found[-1].cost if found else cost
+        if found and spent.seconds > DISTILLING * context.share.seconds:
             break
-        arena, began = make_arena(site.spec, site.seed), time.perf_counter()
+        evaluator, began = make_evaluator(context.spec, context.seed), time.perf_counter()
         if soft:
             tree = distill_policy(policy, DISCRETIZE, env=teacher.spec)
         else:
@@ -94,21 +98,21 @@ def _trees(site: Site, policy: Any, teacher: Teacher, before: Sequence[Found], c
                 policy,
                 "dagger",
                 env=teacher.spec,
-                seed=(site.seed + i) % 2**32,
+                seed=(context.seed + i) % 2**32,
                 max_nodes=limit,
                 num_iterations=ITERATIONS,
                 episodes_per_iteration=episodes,
                 num_validation_episodes=2 * episodes,
-                play_tree=player(arena),
+                play_tree=distillation_player(evaluator),
             )
-        spent += Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
-        found.append(Found(tree, "teacher", spent))
-        keep(site.folder / "distilled", found, finished=False)
+        spent += Cost(env_steps=evaluator.steps, seconds=time.perf_counter() - began)
+        found.append(Candidate(tree, "teacher", spent))
+        save_candidates(context.folder / "distilled", found, finished=False)
     return found
 
 
-def player(arena: Arena) -> Play:
-    """The arena as distillation plays trees: on episodes far from those that pruning plays.
+def distillation_player(evaluator: Evaluator) -> Play:
+    """The evaluator as distillation plays trees: on episodes far from those that pruning plays.
 
     Only where something is to be learnt from what was seen it is observed, which takes as long again.
     """
@@ -116,21 +120,21 @@ def player(arena: Arena) -> Play:
     def play_tree(tree: DecisionTree, number: int, seed: int, purpose: Purpose) -> Episodes:
         word = int(np.random.SeedSequence([seed, purpose == "distill"]).generate_state(1)[0])
         episodes = range(first := (1 + word % 2**19) << 10, first + number)
-        played = arena.play([tree], episodes)
+        played = evaluator.play([tree], episodes)
         seen = np.zeros((0, tree.n_features), np.float32)
         if purpose == "distill":
-            seen = arena.observe(tree, episodes)
+            seen = evaluator.observe(tree, episodes)
         return Episodes(played.returns[0], played.lengths[0], seen)
 
     return play_tree
 
 
-def _given(site: Site) -> Any:
-    path = Path(site.plan.teacher)
+def _load_teacher(context: TaskContext) -> Any:
+    path = Path(context.plan.teacher)
     if path.is_dir():
         return load(path)
     return load_sb3(
-        path, resolve(site.plan.env, env_kwargs=site.plan.env_kwargs, backend="host"), trust=False
+        path, resolve(context.plan.env, env_kwargs=context.plan.env_kwargs, backend="host"), trust=False
     )
 
 

@@ -23,7 +23,7 @@ from ... import files
 from ...bounded import parse_json
 from ...results.json_io import dumps, plain
 from ...trees import DecisionTree
-from .front import Candidate, Front, FrontError, Point, Returns, Spent
+from .front import Cost, EvaluatedCandidate, Front, FrontError, Point, ReturnSummary
 
 if TYPE_CHECKING:
     from ...envs.spec import EnvSpec
@@ -103,7 +103,7 @@ def _save_point(path: Path, point: Point, spec: EnvSpec) -> None:
     from ...algorithms.config import Config
     from ...runs.run import Run
 
-    distilled = {"method": point.road, "teacher": "a search for small trees", "seed": point.seed}
+    distilled = {"method": point.method, "teacher": "a search for small trees", "seed": point.seed}
     with Run.create(path, spec, Config(), point.seed, overwrite=True, distilled=distilled) as run:
         run.save_tree(point.tree)
         run.save_summary(_summary_of(path, point, spec, distilled))
@@ -130,7 +130,7 @@ def _summary_of(path: Path, point: Point, spec: EnvSpec, distilled: Mapping[str,
         "leaves": point.tree.n_leaves,
         "depth": point.tree.depth,
         "distilled": distilled,
-        "spent": asdict(point.spent),
+        "spent": asdict(point.cost),
         "run_dir": str(path),
         "versions": versions(),
     }
@@ -140,11 +140,11 @@ def point_fields(point: Point) -> dict[str, Any]:
     """A point as JSON has it, without its tree."""
     return {
         "nodes": point.nodes,
-        "road": point.road,
+        "road": point.method,
         "seed": point.seed,
         "validation": asdict(point.validation),
         "test": None if point.test is None else asdict(point.test),
-        "spent": asdict(point.spent),
+        "spent": asdict(point.cost),
     }
 
 
@@ -153,7 +153,7 @@ def fields_of(front: Front) -> dict[str, Any]:
     return {
         "environment": front.environment,
         "seed": front.seed,
-        "spent": asdict(front.spent),
+        "spent": asdict(front.cost),
         "budget": plain(front.budget),
         "versions": plain(front.versions),
         "commit": front.commit,
@@ -175,8 +175,8 @@ def front_from(content: Mapping[str, Any], tree_of: TreeOf) -> Front:
         if not isinstance(fields[name], dict):
             raise FrontError(f"{name} must be an object, got {fields[name]!r}")
     fields["points"] = tuple(_point(dict(point), tree_of) for point in fields["points"])
-    fields["candidates"] = tuple(Candidate(*row) for row in fields["candidates"])
-    fields["spent"] = Spent(**fields["spent"])
+    fields["candidates"] = tuple(EvaluatedCandidate(*row) for row in fields["candidates"])
+    fields["cost"] = Cost(**fields.pop("spent"))
     return Front(**fields)
 
 
@@ -184,9 +184,10 @@ def _point(fields: dict[str, Any], tree_of: TreeOf) -> Point:
     tree, nodes = tree_of(fields), fields.pop("nodes")
     if isinstance(nodes, bool) or nodes != tree.n_nodes:
         raise FrontError(f"a tree has {tree.n_nodes} nodes, and not {nodes!r}, as is said of it")
-    fields["validation"] = Returns(**fields["validation"])
-    fields["test"] = None if fields["test"] is None else Returns(**fields["test"])
-    fields["spent"] = Spent(**fields["spent"])
+    fields["validation"] = ReturnSummary(**fields["validation"])
+    fields["test"] = None if fields["test"] is None else ReturnSummary(**fields["test"])
+    fields["cost"] = Cost(**fields.pop("spent"))
+    fields["method"] = fields.pop("road")
     return Point(tree=tree, **fields)
 
 

@@ -4,7 +4,7 @@ A tree of twice the limit is polished (`sympol.search.finetune_thresholds`), pru
 polished again; then
 to four fifths of its nodes and polished again, and so on down to a quarter of the limit: what little pruning loses at
 once, polishing wins back. So what is asked for comes out of trees that had room. And as what a tree asks limits how far
-it can be polished, it gets other questions (`sympol.search.resplit`) for as long as its size has time.
+it can be polished, it gets other questions (`sympol.search.insert_splits`) for as long as its size has time.
 
 Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
 """
@@ -19,14 +19,14 @@ import numpy as np
 
 from ...envs.spec import EnvSpec
 from ...trees import BoxActions, DecisionTree
-from ..evaluators.base import Arena, make_arena
+from ..evaluators.base import Evaluator, make_evaluator
 from ..evolve import Budget
-from ..finetune_thresholds import Polished, polish
-from ..resplit import EPISODES as REGROWN
-from ..resplit import regrow
-from .candidates import Found, keep, kept
-from .context import Site, chained
-from .front import Spent
+from ..finetune_thresholds import FinetuneProgress, finetune_thresholds
+from ..insert_splits import EPISODES as REGROWN
+from ..insert_splits import resplit
+from .candidates import Candidate, load_candidates, save_candidates
+from .context import TaskContext, prune_candidates
+from .front import Cost
 
 STEPS = 3
 """In which a tree within the limit loses half of its nodes."""
@@ -51,13 +51,13 @@ REGROWING_FROM, MOST_TURNS = 1 << 24, 16
 """The first episode in which one size gets other questions, and how often it does at most."""
 
 
-def polished(site: Site, found: Sequence[Found], road: str) -> list[Found]:
-    """What a road has found, and what comes of it by polishing; all of it is in the site's folder then."""
+def finetune_candidates(context: TaskContext, found: Sequence[Candidate], road: str) -> list[Candidate]:
+    """What a road has found, and what comes of it by polishing; all of it is in the context's folder then."""
     found = list(found)
-    for stage in stages(site.plan.max_nodes) if has_numbers(site.spec) else ():
-        found += _at(site, found, stage, f"{road} + polish")
-        keep(site.folder, found, finished=False)
-    keep(site.folder, found, finished=True)
+    for stage in stages(context.plan.max_nodes) if has_numbers(context.spec) else ():
+        found += _at(context, found, stage, f"{road} + polish")
+        save_candidates(context.folder, found, finished=False)
+    save_candidates(context.folder, found, finished=True)
     return found
 
 
@@ -100,73 +100,73 @@ def _part(size: int, max_nodes: int) -> float:
     return 1.0 if size > half else SMALL_PART
 
 
-def _at(site: Site, found: Sequence[Found], stage: Stage, road: str) -> list[Found]:
+def _at(context: TaskContext, found: Sequence[Candidate], stage: Stage, road: str) -> list[Candidate]:
     """The best of the trees that are no larger, polished, and pruned by return."""
-    folder = site.folder / f"{stage.nodes}-nodes"
-    before, finished = kept(folder)
+    folder = context.folder / f"{stage.nodes}-nodes"
+    before, finished = load_candidates(folder)
     if finished:
         return before
-    arena, began = make_arena(site.spec, site.seed), time.perf_counter()
-    road_so_far = found[-1].spent
+    evaluator, began = make_evaluator(context.spec, context.seed), time.perf_counter()
+    road_so_far = found[-1].cost
     if before:
-        starts, done = [before[0].tree], before[0].spent
+        starts, done = [before[0].tree], before[0].cost
     else:
-        starts, done = _best_below(stage.nodes, found, arena), road_so_far
+        starts, done = _best_below(stage.nodes, found, evaluator), road_so_far
 
-    def spent() -> Spent:
-        return done + Spent(env_steps=arena.steps, seconds=time.perf_counter() - began)
+    def spent() -> Cost:
+        return done + Cost(env_steps=evaluator.steps, seconds=time.perf_counter() - began)
 
-    def tell(now: Polished) -> None:
-        keep(folder, [Found(now.tree, road, spent())], finished=False)
+    def tell(now: FinetuneProgress) -> None:
+        save_candidates(folder, [Candidate(now.tree, road, spent())], finished=False)
 
     def left(part: float) -> Budget:
         """Of so much of the size's time."""
-        share, part, here = site.share, part * stage.part, spent()
+        share, part, here = context.share, part * stage.part, spent()
         return Budget(
             (share.steps - road_so_far.steps) * part - (here.steps - road_so_far.steps),
             (share.seconds - road_so_far.seconds) * part - (here.seconds - road_so_far.seconds),
         )
 
-    episodes = EPISODES[site.spec.backend]
-    at, polishing = stage.first_episode, POLISHING if stage.nodes <= site.plan.max_nodes else 1.0
-    better = polish(
+    episodes = EPISODES[context.spec.backend]
+    at, polishing = stage.first_episode, POLISHING if stage.nodes <= context.plan.max_nodes else 1.0
+    better = finetune_thresholds(
         starts,
-        arena,
+        evaluator,
         budget=left(polishing),
         episodes=episodes,
         first_episode=at,
-        seed=site.seed,
+        seed=context.seed,
         progress=tell,
     )
     for turn in range(MOST_TURNS if polishing < 1 else 0):
         budget, first = left(1.0), at + REGROWING_FROM + turn * REGROWN
         if min(budget.steps, budget.seconds) <= 0:
             break
-        better = regrow(
+        better = resplit(
             better,
-            arena,
+            evaluator,
             max_nodes=stage.nodes,
             budget=budget,
             episodes=episodes,
             first_episode=first,
-            seed=(site.seed + turn) % 2**32,
+            seed=(context.seed + turn) % 2**32,
         )
-        keep(folder, [Found(better, road, spent())], finished=False)
-    more = chained(site, better, road, spent(), smallest=stage.next_nodes)
-    keep(folder, more, finished=True)
+        save_candidates(folder, [Candidate(better, road, spent())], finished=False)
+    more = prune_candidates(context, better, road, spent(), smallest=stage.next_nodes)
+    save_candidates(folder, more, finished=True)
     return more
 
 
-def _best_below(nodes: int, found: Sequence[Found], arena: Arena) -> list[DecisionTree]:
+def _best_below(nodes: int, found: Sequence[Candidate], evaluator: Evaluator) -> list[DecisionTree]:
     """The best of the trees that have at most so many nodes, and more than half as many if there are such."""
     fit = [one.tree for one in found if one.tree.n_nodes <= nodes]
-    return best_of(arena, [tree for tree in fit if tree.n_nodes > nodes // 2] or fit, STARTS)
+    return best_by_halving(evaluator, [tree for tree in fit if tree.n_nodes > nodes // 2] or fit, STARTS)
 
 
-def best_of(arena: Arena, trees: Sequence[DecisionTree], number: int) -> list[DecisionTree]:
+def best_by_halving(evaluator: Evaluator, trees: Sequence[DecisionTree], number: int) -> list[DecisionTree]:
     """The best of some different trees: all play a few episodes, the best few of them more."""
     trees = list(dict.fromkeys(trees))
     for episodes, kept_on in ((FIRST, 2 * number), (LAST, number)):
-        means = arena.play(trees, range(episodes)).returns.mean(axis=1, dtype=np.float64)
+        means = evaluator.play(trees, range(episodes)).returns.mean(axis=1, dtype=np.float64)
         trees = [trees[i] for i in np.argsort(-means, kind="stable")[:kept_on]]
     return trees

@@ -1,12 +1,13 @@
-"""The front of return against size: the trees that no other tree is both as small as and better than.
+"""The front of return against size: the trees that beat every tree of at most their size.
 
-A tree is chosen by what it earned in validation episodes, and tested once, on episodes that nothing was chosen by.
+A tree is chosen by its return in validation episodes, and tested once, on episodes by which nothing was chosen.
+Over several whole runs of one task, `best_under_sizes` averages what each run reached within a number of nodes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ...envs.spec import EnvSpec
+    from ...results.statistics import Interval
 
 
 class FrontError(ValueError):
@@ -38,7 +40,7 @@ def _finite(name: str, value: Any) -> float:
 
 
 @dataclass(frozen=True)
-class Spent:
+class Cost:
     """What something cost; costs can be added."""
 
     env_steps: int = 0
@@ -62,13 +64,13 @@ class Spent:
         """Environment steps, a teacher's among them."""
         return self.env_steps + self.teacher_steps
 
-    def __add__(self, other: Spent) -> Spent:
+    def __add__(self, other: Cost) -> Cost:
         """Both together."""
-        return Spent(*(getattr(self, part.name) + getattr(other, part.name) for part in fields(self)))
+        return Cost(*(getattr(self, part.name) + getattr(other, part.name) for part in fields(self)))
 
 
 @dataclass(frozen=True)
-class Returns:
+class ReturnSummary:
     """What a tree earned in some episodes, undiscounted."""
 
     episodes: int
@@ -87,11 +89,11 @@ class Returns:
         if self.std < 0 or not self.low <= self.mean <= self.high:
             raise FrontError(
                 f"a mean must lie in its interval and a deviation not be negative, got {self.mean} in "
-                f"[{self.low}, {self.high}] ± {self.std}; make them of returns: Returns.of(returns)"
+                f"[{self.low}, {self.high}] ± {self.std}; make them of returns: ReturnSummary.of(returns)"
             )
 
     @classmethod
-    def of(cls, returns: ArrayLike) -> Returns:
+    def of(cls, returns: ArrayLike) -> ReturnSummary:
         """Sum up the returns of episodes, at least two of them.
 
         Raises:
@@ -117,21 +119,23 @@ class Point:
     """One tree, how it was made, and what it earned."""
 
     tree: DecisionTree
-    validation: Returns
+    validation: ReturnSummary
     """Of episodes that it may have been chosen by: a little too good, the more so the more trees were tried."""
-    road: str
+    method: str
     """How it was made, in words: "scratch", "teacher + shrink", …."""
     seed: int
     """Of the run that it comes from."""
-    spent: Spent = Spent()
+    cost: Cost = Cost()
     """On the way to this tree; what ways have in common counts in each."""
-    test: Returns | None = None
+    test: ReturnSummary | None = None
     """Of episodes that nothing was chosen by."""
 
     def __post_init__(self) -> None:
         """Check; raises FrontError."""
-        if not self.road or not self.road.isprintable():
-            raise FrontError(f'a road must be a few words on one line, such as "scratch", got {self.road!r}')
+        if not self.method or not self.method.isprintable():
+            raise FrontError(
+                f'a road must be a few words on one line, such as "scratch", got {self.method!r}'
+            )
         object.__setattr__(self, "seed", _count("seed", self.seed))
 
     @classmethod
@@ -140,14 +144,14 @@ class Point:
         tree: DecisionTree,
         returns: ArrayLike,
         *,
-        road: str,
+        method: str,
         seed: int,
-        spent: Spent = Spent(),
+        cost: Cost = Cost(),
         test_returns: ArrayLike | None = None,
     ) -> Point:
         """Make one of the ``returns [episodes]`` of validation, and of those of the test if there was one."""
-        test = None if test_returns is None else Returns.of(test_returns)
-        return cls(tree, Returns.of(returns), road, seed, spent, test)
+        test = None if test_returns is None else ReturnSummary.of(test_returns)
+        return cls(tree, ReturnSummary.of(returns), method, seed, cost, test)
 
     def tested(self, returns: ArrayLike) -> Point:
         """The same one with the ``returns [episodes]`` of its test, which is done once.
@@ -159,7 +163,7 @@ class Point:
             raise FrontError(
                 f"the tree of {self.nodes} nodes has been tested; whoever tests again, chooses among tests"
             )
-        return replace(self, test=Returns.of(returns))
+        return replace(self, test=ReturnSummary.of(returns))
 
     @property
     def nodes(self) -> int:
@@ -177,13 +181,13 @@ class Point:
         return self.validation.low, self.validation.high
 
 
-class Candidate(NamedTuple):
+class EvaluatedCandidate(NamedTuple):
     """A tree that was tried: enough of it to be drawn behind the front."""
 
     nodes: int
     mean: float
     """Of validation."""
-    road: str
+    method: str
 
 
 def non_dominated(points: Iterable[Point]) -> list[Point]:
@@ -207,9 +211,9 @@ class Front:
     seed: int
     points: tuple[Point, ...]
     """The smallest first, each better than those before it: see `non_dominated`."""
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[EvaluatedCandidate, ...] = ()
     """Everything that was tried, or a part of it, to be drawn behind."""
-    spent: Spent = Spent()
+    cost: Cost = Cost()
     """By the whole run; less than the sum over points, which share their ways."""
     budget: Mapping[str, Any] = field(default_factory=dict)
     """What was granted, such as ``{"seconds": 300}``: plain JSON."""
@@ -224,8 +228,8 @@ class Front:
         points = tuple(self.points)
         object.__setattr__(self, "points", points)
         candidates = tuple(
-            Candidate(_count("nodes", nodes, least=1), _finite("mean", mean), str(road))
-            for nodes, mean, road in self.candidates
+            EvaluatedCandidate(_count("nodes", nodes, least=1), _finite("mean", mean), str(method))
+            for nodes, mean, method in self.candidates
         )
         object.__setattr__(self, "candidates", candidates)
         object.__setattr__(self, "seed", _count("seed", self.seed))
@@ -238,7 +242,7 @@ class Front:
             )
 
     @property
-    def roads(self) -> tuple[str, ...]:
+    def methods(self) -> tuple[str, ...]:
         """The roads that were taken, as ``budget`` says it; none where it does not."""
         return tuple(self.budget.get("roads", ()))
 
@@ -259,3 +263,62 @@ class Front:
         from .files import load
 
         return load(folder)
+
+
+class BestUnderSize(NamedTuple):
+    """The best tree of at most ``nodes`` nodes of each run, chosen by validation."""
+
+    nodes: int
+    runs: tuple[tuple[int, Point | None], ...]
+    """The seed of each run, and its point; None where it has no tree so small."""
+    mean: float | None
+    """Over runs of their mean test returns; None where a run has no tree so small."""
+    std: float | None
+    """Over runs (ddof 1); None for a single one."""
+    spread: Interval | None
+    """The mean with Student's 95 % interval over runs; None for a single one."""
+
+
+def best_under_sizes(fronts: Sequence[Front], sizes: Iterable[int]) -> list[BestUnderSize]:
+    """What the runs reached with at most each of ``sizes`` nodes, in the tests.
+
+    A run counts as one number, its mean test return: the spread is that of whole runs, not of episodes.
+
+    Raises:
+        FrontError: no runs, of several tasks, twice the same seed, or a chosen tree that was not tested.
+    """
+    require_one_task(fronts)
+    return [_at_most(fronts, size) for size in sizes]
+
+
+def require_one_task(fronts: Sequence[Front]) -> str:
+    """Return the environment of all runs; raises FrontError where they are of several, or not runs of their own."""
+    environments, seeds = {front.environment for front in fronts}, [front.seed for front in fronts]
+    if len(environments) != 1:
+        raise FrontError(
+            f"runs must be of one task, got {', '.join(sorted(environments)) or 'no runs'}; one each"
+        )
+    if len({*seeds}) < len(seeds):
+        raise FrontError(f"runs must have seeds of their own, got {seeds}; the same run twice proves nothing")
+    return environments.pop()
+
+
+def sizes_of(fronts: Iterable[Front]) -> list[int]:
+    """Every size that any run has a point of."""
+    return sorted({point.nodes for front in fronts for point in front.points})
+
+
+def _at_most(fronts: Sequence[Front], size: int) -> BestUnderSize:
+    from ...results.statistics import mean_interval, moments  # SciPy is slow to import
+
+    runs = tuple((front.seed, front.best(size)) for front in fronts)
+    means: list[float] = []
+    for seed, point in runs:
+        if point is not None and point.test is None:
+            raise FrontError(
+                f"the tree of {point.nodes} nodes of the run with seed {seed} was not tested; test every point"
+            )
+        means += [point.test.mean] if point is not None and point.test is not None else []
+    if len(means) < len(runs):
+        return BestUnderSize(size, runs, None, None, None)
+    return BestUnderSize(size, runs, *moments(means)[1:], mean_interval(means))

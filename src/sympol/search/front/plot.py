@@ -18,8 +18,7 @@ from ...results.style import PANEL, Look, legend_below, save, styled
 from ...runs.formatting import decimals
 from ...trees.plot import arrange, draw
 from ...trees.plot_style import check_file
-from .aggregate import require_one_task, sizes_of, summarise
-from .front import Front, Point
+from .front import Front, Point, best_under_sizes, require_one_task, sizes_of
 from .labels import Label, place_labels
 
 if TYPE_CHECKING:
@@ -107,7 +106,7 @@ def draw_tree(ax: Axes, point: Point) -> None:
 
 def looks_of(fronts: Iterable[Front]) -> Looks:
     """A look for every road, the same whenever there are the same roads."""
-    roads = sorted({mark.road for front in fronts for mark in (*front.points, *front.candidates)})
+    roads = sorted({mark.method for front in fronts for mark in (*front.points, *front.candidates)})
     styles = zip(roads, cycle(_COLOURS), cycle(_MARKS), strict=False)
     return {road: Look(colour, "-", mark) for road, colour, mark in styles}
 
@@ -121,7 +120,7 @@ def panel(ax: Axes, fronts: Sequence[Front], looks: Looks, beside: Sequence[Refe
         _candidates(ax, front, looks)
         _steps(ax, front.points, right, faint=len(fronts) > 1)
         for point in front.points:
-            _point(ax, point, looks[point.road], bottom)
+            _point(ax, point, looks[point.method], bottom)
     if len(fronts) > 1:
         _mean(ax, fronts, right)
     else:
@@ -157,9 +156,9 @@ def _returns_axis(ax: Axes, fronts: Sequence[Front], others: Sequence[Reference]
 
 
 def _candidates(ax: Axes, front: Front, looks: Looks) -> None:
-    for road in dict.fromkeys(candidate.road for candidate in front.candidates):
+    for road in dict.fromkeys(candidate.method for candidate in front.candidates):
         tried = [
-            (candidate.nodes, candidate.mean) for candidate in front.candidates if candidate.road == road
+            (candidate.nodes, candidate.mean) for candidate in front.candidates if candidate.method == road
         ]
         look = looks[road]
         ax.plot(*np.transpose(tried), look.marker, color=look.colour, alpha=0.15, markersize=3)
@@ -181,7 +180,7 @@ def _point(ax: Axes, point: Point, look: Look, bottom: float) -> None:
         return
     low, high = point.interval
     ax.plot([point.nodes] * 2, [low, high], color=look.colour, linewidth=1.2)
-    ax.plot([point.nodes], [point.mean], look.marker, color=look.colour, label=point.road)
+    ax.plot([point.nodes], [point.mean], look.marker, color=look.colour, label=point.method)
 
 
 def _tests(ax: Axes, front: Front) -> None:
@@ -194,7 +193,7 @@ def _mean(ax: Axes, fronts: Sequence[Front], right: float) -> None:
     """The mean test return over runs, with its interval over runs."""
     if any(point.test is None for front in fronts for point in front.points):
         return
-    found = [of for of in summarise(fronts, sizes_of(fronts)) if of.spread is not None]
+    found = [of for of in best_under_sizes(fronts, sizes_of(fronts)) if of.spread is not None]
     nodes = [of.nodes for of in found]
     mean, low, high = (
         stairs(nodes, [getattr(of.spread, name) for of in found], right)[1]

@@ -12,8 +12,8 @@ from rich.console import Console
 
 from ... import files
 from ...bounded import parse_json
-from .candidates import HEAT
-from .config import Plan
+from .candidates import PROGRESS
+from .config import SearchConfig
 
 WORDS = {
     "scratch": "training from scratch",
@@ -26,10 +26,10 @@ _SHOWN = 4
 """Sizes whose best return is shown."""
 
 
-class Live:
+class LiveProgress:
     """Shows it from ``with`` to its end; where the console is no terminal, a line for each road."""
 
-    def __init__(self, plan: Plan, folder: Path, console: Console) -> None:
+    def __init__(self, plan: SearchConfig, folder: Path, console: Console) -> None:
         self._plan, self._folder, self._console = plan, folder, console
         self._doing, self._began = "", time.perf_counter()
         self._status = console.status("")
@@ -74,7 +74,7 @@ class Live:
     def _best(self) -> dict[int, float]:
         """The best return of each size so far, as evolution says it after each heat."""
         best: dict[int, float] = {}
-        for file in self._folder.glob(f"evolve/*/{HEAT}"):
+        for file in self._folder.glob(f"evolve/*/{PROGRESS}"):
             try:
                 heat = parse_json(files.read_text(file), "it")
             except (OSError, ValueError):

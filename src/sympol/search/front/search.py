@@ -24,12 +24,12 @@ from ...provenance import commit, versions
 from ...runs.lock import exclusive
 from ...runs.metadata import RunError
 from ..evolve import Budget
-from .candidates import Found, kept
-from .config import CHOOSING, Plan
+from .candidates import Candidate, load_candidates
+from .config import CHOOSING, SearchConfig
 from .files import FILE as FRONT
-from .front import Front, Spent
+from .front import Cost, Front
 from .methods import place, tasks
-from .selection import choose, test
+from .selection import select_front, test
 
 PLAN = "plan.json"
 LIBRARIES = {"scikit-learn": "sklearn", "pycma": "cma"}
@@ -38,7 +38,7 @@ Watch: TypeAlias = Callable[[str, float], object]
 """Told what is done now, and the seconds that the search has taken so far."""
 
 
-def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = None) -> Front:
+def search(plan: SearchConfig, folder: Path, *, workers: int = 1, watch: Watch | None = None) -> Front:
     """Search, or go on with a search that was interrupted; return the front, which is in the folder then.
 
     Raises:
@@ -54,7 +54,7 @@ def search(plan: Plan, folder: Path, *, workers: int = 1, watch: Watch | None = 
         return _search(plan, folder, workers, watch)
 
 
-def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Front:
+def _search(plan: SearchConfig, folder: Path, workers: int, watch: Watch | None) -> Front:
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
     before = _seconds_before(plan, folder, workers)
     began = time.perf_counter() - sum(before.values())
@@ -65,7 +65,7 @@ def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Fron
             watch(doing, elapsed)
         return elapsed
 
-    for road in plan.roads:
+    for road in plan.methods:
         todo = tasks(plan, folder, road, _share(plan, road, now(road) - before[road]), workers)
         run_tasks(todo, workers=workers, on_done=_warn, progress=False)
     found, spent = collected(plan, folder)
@@ -75,11 +75,11 @@ def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Fron
             "such as --budget 5m"
         )
     now("choose")
-    front = choose(plan, spec, found, spent)
+    front = select_front(plan, spec, found, spent)
     seconds = now("test")
     front = replace(
         test(front, spec, plan.eval_episodes),
-        spent=replace(front.spent, seconds=seconds),
+        cost=replace(front.cost, seconds=seconds),
         commit=commit(),
         versions=versions(),
         date=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -88,22 +88,22 @@ def _search(plan: Plan, folder: Path, workers: int, watch: Watch | None) -> Fron
     return front
 
 
-def begin(plan: Plan, folder: Path) -> None:
+def begin(plan: SearchConfig, folder: Path) -> None:
     """Make the folder of a search, or see that it holds this one.
 
     Raises:
         RunError: it does not, or a road lacks a library.
     """
     missing = [name for name, module in LIBRARIES.items() if find_spec(module) is None]
-    if "teacher" in plan.roads and missing:
+    if "teacher" in plan.methods and missing:
         raise RunError(
             f"the teacher's road needs {' and '.join(missing)}, not installed here: pip install 'sympol[bench]', or "
-            "leave it out: --roads scratch evolve"
+            "leave it out: --methods scratch evolve"
         )
     file = folder / PLAN
     if file.exists():
         try:
-            was = Plan.from_dict(parse_json(files.read_text(file), "it"))
+            was = SearchConfig.from_dict(parse_json(files.read_text(file), "it"))
         except (OSError, ValueError, TypeError) as error:
             raise RunError(f"{file} cannot be read ({error}); choose another --out") from error
         changed = [
@@ -123,19 +123,19 @@ def begin(plan: Plan, folder: Path) -> None:
     files.write(file, (json.dumps(plan.to_dict(), indent=1) + "\n"))
 
 
-def collected(plan: Plan, folder: Path) -> tuple[list[Found], Spent]:
+def collected(plan: SearchConfig, folder: Path) -> tuple[list[Candidate], Cost]:
     """All that the roads have found so far, and what they have cost together.
 
     Evolution starts from what the others found, so what it found has cost what they did, too.
     """
-    found: list[Found] = []
-    spent = Spent()
-    for road in plan.roads:
-        before = spent if road == "evolve" else Spent()
+    found: list[Candidate] = []
+    spent = Cost()
+    for road in plan.methods:
+        before = spent if road == "evolve" else Cost()
         for task in tasks(plan, folder, road, Budget()):
-            trees, _ = kept(place(folder, road, task.arguments["index"]))
-            found += [replace(one, spent=before + one.spent) for one in trees]
-            spent += max((one.spent for one in trees), key=lambda one: one.env_steps, default=Spent())
+            trees, _ = load_candidates(place(folder, road, task.arguments["index"]))
+            found += [replace(one, cost=before + one.cost) for one in trees]
+            spent += max((one.cost for one in trees), key=lambda one: one.env_steps, default=Cost())
     return found, spent
 
 
@@ -145,24 +145,27 @@ def _warn(task: Task, messages: list[str]) -> None:
         warnings.warn(f"{task.name}: {message}", stacklevel=2)
 
 
-def _seconds_before(plan: Plan, folder: Path, workers: int) -> dict[str, float]:
+def _seconds_before(plan: SearchConfig, folder: Path, workers: int) -> dict[str, float]:
     """What each road had taken when the search was interrupted, so many of its tasks side by side."""
 
     def seconds(road: str) -> float:
         took = [
             max(
-                (one.spent.seconds for one in kept(place(folder, road, task.arguments["index"]))[0]),
+                (
+                    one.cost.seconds
+                    for one in load_candidates(place(folder, road, task.arguments["index"]))[0]
+                ),
                 default=0.0,
             )
             for task in tasks(plan, folder, road, Budget())
         ]
         return max(*took, sum(took) / workers)
 
-    return {road: seconds(road) for road in plan.roads}
+    return {road: seconds(road) for road in plan.methods}
 
 
-def _share(plan: Plan, road: str, elapsed: float) -> Budget:
+def _share(plan: SearchConfig, road: str, elapsed: float) -> Budget:
     """What a road may take in all: its part, the last one all that the others have left in ``elapsed`` seconds."""
-    if road == plan.roads[-1]:
+    if road == plan.methods[-1]:
         return Budget(plan.steps * plan.share(road), max(1.0, plan.seconds * (1 - CHOOSING) - elapsed))
     return Budget(plan.steps * plan.share(road), plan.seconds * plan.share(road))

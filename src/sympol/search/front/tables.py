@@ -12,7 +12,7 @@ from ...results.number_format import count, number
 from ...results.table_formats import in_markdown, pipe_table
 from ...runs.formatting import decimals
 from .files import place
-from .front import Front, Point, Spent
+from .front import Cost, Front, Point
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -63,7 +63,7 @@ def markdown(front: Front) -> str:
     return f"{pipe_table(_COLUMNS, rows)}\n\n{cost_line(front)}\n"
 
 
-def spent_words(spent: Spent) -> str:
+def format_cost(spent: Cost) -> str:
     """What something cost: its steps, its teacher's, episodes to choose by, seconds."""
     parts = [
         f"{short_count(spent.env_steps)} steps"
@@ -88,7 +88,7 @@ def _rows(front: Front) -> list[dict[str, str]]:
 
 def _cells(point: Point, places: int) -> dict[str, str]:
     (low, high), tested = point.interval, point.test
-    spent, teacher = point.spent, point.spent.teacher_steps
+    spent, teacher = point.cost, point.cost.teacher_steps
     return {
         "nodes": str(point.nodes),
         "rules": str(point.tree.n_leaves),
@@ -96,7 +96,7 @@ def _cells(point: Point, places: int) -> dict[str, str]:
         "validation ± 95 %": f"{number(point.mean, places)} ± {number((high - low) / 2, places)}",
         "test": "—" if tested is None else number(tested.mean, places),
         "± std": "—" if tested is None else number(tested.std, places),
-        "road": point.road,
+        "road": point.method,
         "steps": short_count(spent.env_steps) + (f" + {short_count(teacher)}" if teacher else ""),
         "episodes": short_count(spent.selection_episodes),
         "seconds": number(spent.seconds, 0),
@@ -108,7 +108,7 @@ def cost_line(front: Front) -> str:
     tested = {point.test.episodes for point in front.points if point.test is not None}
     validated = {point.validation.episodes for point in front.points}
     facts = [
-        spent_words(front.spent),
+        format_cost(front.cost),
         f"validation on {_numbers(validated)} episodes",
         f"test on {_numbers(tested)}" if tested else "not tested",
         front.date[:10],

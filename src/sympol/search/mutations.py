@@ -21,7 +21,7 @@ from ..trees.name_lookup import SURE
 from ..trees.preorder import NO_CHILD, NO_FEATURE, NO_THRESHOLD
 
 FEW = 32
-"""Of a feature that was seen with fewer values, a threshold moves from gap to gap and not by a bit."""
+"""Of a feature that was seen with fewer values, a threshold mutator from gap to gap and not by a bit."""
 
 
 class Leaf(NamedTuple):
@@ -35,18 +35,18 @@ class Split(NamedTuple):
 
     feature: int
     threshold: float
-    left: Plain
-    right: Plain
+    left: NestedTree
+    right: NestedTree
 
 
-Plain: TypeAlias = Leaf | Split
+NestedTree: TypeAlias = Leaf | Split
 Path: TypeAlias = tuple[bool, ...]
 """From the root to a node: whether it goes right."""
 
 
-def plain(tree: DecisionTree) -> Plain:
+def to_nested(tree: DecisionTree) -> NestedTree:
     """The tree as nested tuples."""
-    nodes: list[Plain] = []
+    nodes: list[NestedTree] = []
     for i in range(tree.n_nodes - 1, -1, -1):
         if tree.is_leaf[i]:
             nodes.append(Leaf(tuple(tree.leaf_outputs[i].tolist())))
@@ -55,12 +55,12 @@ def plain(tree: DecisionTree) -> Plain:
     return nodes[0]
 
 
-def tree_of(root: Plain, like: DecisionTree) -> DecisionTree:
+def from_nested(root: NestedTree, like: DecisionTree) -> DecisionTree:
     """The tree of nested tuples, under the names, bounds and actions of another."""
     left, right, feature, threshold, value = [], [], [], [], []
     none = (0.0,) * like.actions.n_outputs
 
-    def write(node: Plain) -> int:
+    def write(node: NestedTree) -> int:
         here = len(left)
         is_leaf = isinstance(node, Leaf)
         left.append(NO_CHILD)
@@ -85,31 +85,31 @@ def tree_of(root: Plain, like: DecisionTree) -> DecisionTree:
     )
 
 
-def size(node: Plain) -> int:
+def num_nodes(node: NestedTree) -> int:
     """Nodes, leaves among them."""
-    return 1 if isinstance(node, Leaf) else 1 + size(node.left) + size(node.right)
+    return 1 if isinstance(node, Leaf) else 1 + num_nodes(node.left) + num_nodes(node.right)
 
 
-def paths(node: Plain, above: Path = ()) -> list[tuple[Path, Plain]]:
+def nodes_with_paths(node: NestedTree, above: Path = ()) -> list[tuple[Path, NestedTree]]:
     """Every node and the way to it."""
-    here: list[tuple[Path, Plain]] = [(above, node)]
+    here: list[tuple[Path, NestedTree]] = [(above, node)]
     if isinstance(node, Split):
-        here += paths(node.left, (*above, False)) + paths(node.right, (*above, True))
+        here += nodes_with_paths(node.left, (*above, False)) + nodes_with_paths(node.right, (*above, True))
     return here
 
 
-def put(root: Plain, path: Path, new: Plain) -> Plain:
+def replace_at(root: NestedTree, path: Path, new: NestedTree) -> NestedTree:
     """The tree with another subtree at the end of a path."""
     if not path:
         return new
     assert isinstance(root, Split)
     if path[0]:
-        return root._replace(right=put(root.right, path[1:], new))
-    return root._replace(left=put(root.left, path[1:], new))
+        return root._replace(right=replace_at(root.right, path[1:], new))
+    return root._replace(left=replace_at(root.left, path[1:], new))
 
 
 @dataclass(frozen=True)
-class Moves:
+class Mutator:
     """Draws changes for one environment.
 
     ``seen`` holds the different values of each feature that were seen, sorted; ``spread`` their standard deviation.
@@ -120,7 +120,7 @@ class Moves:
     spread: tuple[float, ...]
 
     @staticmethod
-    def among(actions: ActionSpec, observations: Float32[np.ndarray, "steps features"]) -> Moves:
+    def for_observations(actions: ActionSpec, observations: Float32[np.ndarray, "steps features"]) -> Mutator:
         """Changes that make a difference among these observations.
 
         Raises:
@@ -129,20 +129,20 @@ class Moves:
         seen = tuple(np.unique(column) for column in observations.T)
         if all(len(values) < 2 for values in seen):
             raise ValueError(f"{len(observations)} observations are all the same: there is nothing to ask")
-        return Moves(actions, seen, tuple(observations.std(axis=0).tolist()))
+        return Mutator(actions, seen, tuple(observations.std(axis=0).tolist()))
 
     @cached_property
     def asked(self) -> list[int]:
         """Features about which a question makes a difference."""
         return [feature for feature, values in enumerate(self.seen) if len(values) > 1]
 
-    def change(self, root: Plain, others: Sequence[Plain], rng: np.random.Generator) -> Plain:
+    def mutate(self, root: NestedTree, others: Sequence[NestedTree], rng: np.random.Generator) -> NestedTree:
         """One change or a few; ``others`` are trees to take subtrees from."""
         for _ in range(rng.geometric(0.6)):
-            root = self._change_once(root, others, rng)
+            root = self._mutate_once(root, others, rng)
         return root
 
-    def leaf(self, rng: np.random.Generator) -> Leaf:
+    def random_leaf(self, rng: np.random.Generator) -> Leaf:
         """Any answer."""
         match self.actions:
             case DiscreteActions(n=n):
@@ -152,16 +152,18 @@ class Moves:
             case BoxActions():
                 return Leaf(tuple(rng.uniform(*self._range()).tolist()))
 
-    def other_answer(self, leaf: Leaf, rng: np.random.Generator) -> Leaf:
+    def mutated_leaf(self, leaf: Leaf, rng: np.random.Generator) -> Leaf:
         """Of discrete ones any, of continuous ones mostly one nearby."""
         if not isinstance(self.actions, BoxActions) or rng.random() < 0.2:
-            return self.leaf(rng)
+            return self.random_leaf(rng)
         low, high = self._range()
         step = rng.normal(size=low.shape) * (high - low) * 10 ** rng.uniform(-2.5, 0)
         return Leaf(tuple((np.asarray(leaf.value) + step).clip(low, high).tolist()))
 
-    def _change_once(self, root: Plain, others: Sequence[Plain], rng: np.random.Generator) -> Plain:
-        everywhere = paths(root)
+    def _mutate_once(
+        self, root: NestedTree, others: Sequence[NestedTree], rng: np.random.Generator
+    ) -> NestedTree:
+        everywhere = nodes_with_paths(root)
         splits = [(path, node) for path, node in everywhere if isinstance(node, Split)]
         leaves = [(path, node) for path, node in everywhere if isinstance(node, Leaf)]
         kind = _KINDS[
@@ -169,21 +171,21 @@ class Moves:
         ]  # choice(p=…) takes longer
         if kind in _OF_SPLITS and splits:
             path, split = splits[rng.integers(len(splits))]
-            return put(root, path, self._changed_split(split, kind, others, rng))
+            return replace_at(root, path, self._mutated_split(split, kind, others, rng))
         path, leaf = leaves[rng.integers(len(leaves))]
         if kind == "answer":
-            return put(root, path, self.other_answer(leaf, rng))
-        node: Plain = leaf
+            return replace_at(root, path, self.mutated_leaf(leaf, rng))
+        node: NestedTree = leaf
         if kind == "grow anywhere" and splits:
             path, node = everywhere[rng.integers(len(everywhere))]
-        left, right = node, self.other_answer(leaf, rng)
+        left, right = node, self.mutated_leaf(leaf, rng)
         if rng.random() < 0.5:
             left, right = right, left
-        return put(root, path, self._question(left, right, rng))
+        return replace_at(root, path, self._question(left, right, rng))
 
-    def _changed_split(
-        self, split: Split, kind: str, others: Sequence[Plain], rng: np.random.Generator
-    ) -> Plain:
+    def _mutated_split(
+        self, split: Split, kind: str, others: Sequence[NestedTree], rng: np.random.Generator
+    ) -> NestedTree:
         match kind:
             case "threshold" if len(self.seen[split.feature]) > 2:
                 return split._replace(threshold=self._near(split, rng))
@@ -194,10 +196,10 @@ class Moves:
             case "swap":
                 return split._replace(left=split.right, right=split.left)
             case _:  # "graft"
-                other = paths(others[int(rng.integers(len(others)))])
+                other = nodes_with_paths(others[int(rng.integers(len(others)))])
                 return other[int(rng.integers(len(other)))][1]
 
-    def _question(self, left: Plain, right: Plain, rng: np.random.Generator) -> Split:
+    def _question(self, left: NestedTree, right: NestedTree, rng: np.random.Generator) -> Split:
         feature = self.asked[int(rng.integers(len(self.asked)))]
         return Split(feature, self._gap(feature, int(rng.integers(len(self.seen[feature]) - 1))), left, right)
 
