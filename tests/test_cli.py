@@ -17,12 +17,22 @@ import sympol
 from sympol.algorithms.config import Config, applies
 from sympol.cli.app import COMMANDS
 from sympol.cli.train import parse_train
-from sympol.runs.metrics import COLUMNS, TensorBoard
+from sympol.runs.metrics import TensorBoard
 from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 
 from .test_agents import Troubled
-from .tiny import TINY, TRAIN, agent, csv_without_time, quick_compiles, read_summary, refused, status_of
+from .tiny import (
+    COLUMNS,
+    TINY,
+    TRAIN,
+    agent,
+    csv_without_time,
+    quick_compiles,
+    read_summary,
+    refused,
+    status_of,
+)
 
 __all__ = ["quick_compiles"]
 

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 import sympol
-from sympol.algorithms.collect_host import host_seed
+from sympol.algorithms.initialization import host_seed
 from sympol.envs.doubts import EpisodesCut, SameEpisodes
 from sympol.envs.host import EnvironmentFailure, HostEnvs
 from sympol.envs.registry import resolve

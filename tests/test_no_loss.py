@@ -8,15 +8,13 @@ from __future__ import annotations
 import dataclasses
 import json
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from studies.benchmarks import no_loss, timing
 
 import sympol
-from sympol.algorithms.init import init_state, normalizer_of
 from sympol.play import play
-from sympol.policies.distributions import distribution_of
+from tests.algorithms.programs import begun
 
 from .envs.probes import MultiDiscreteMatch
 from .tiny import quick_compiles, trained
@@ -64,9 +62,7 @@ TASKS = (
 def untrained(env_id: str, depth: int) -> sympol.PPO:
     """The random tree that a training begins with."""
     agent = sympol.PPO("tree", env_id, depth=depth, seed=depth)
-    distribution, hyper = distribution_of(agent.spec.action_space), agent.config.hyperparameters()
-    normalizer, _ = normalizer_of(agent.spec.features, agent.config)
-    agent.state = init_state(agent.config, distribution, normalizer, hyper, jnp.int32(agent.seed))
+    agent.state = begun(agent.spec.env or agent.spec, agent.config, agent.seed)
     return agent
 
 

@@ -18,6 +18,21 @@ import pytest
 import sympol
 from sympol.cli.app import main
 
+COLUMNS = (
+    "time/total_timesteps",
+    "time/time_elapsed",
+    "time/fps",
+    "rollout/ep_rew_mean",
+    "rollout/ep_len_mean",
+    "eval/mean_reward",
+    "train/approx_kl",
+    "train/clip_fraction",
+    "train/entropy",
+    "train/policy_gradient_loss",
+    "train/value_loss",
+)
+"""The metrics of PPO."""
+
 TINY: dict[str, Any] = {
     "total_timesteps": 2048,
     "depth": 3,

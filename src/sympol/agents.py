@@ -12,16 +12,16 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from .algorithms.bounds_check import kept_bounds, warn_of_bounds
 from .algorithms.config import Config
 from .algorithms.inference import outputs
 from .algorithms.knobs import whole
 from .algorithms.memory import require_memory
 from .algorithms.metrics import metrics_of, require_finite
+from .algorithms.normalization import unbroken_bounds, warn_of_bounds
 from .algorithms.presets import DEFAULT, preset
-from .algorithms.state import TrainState
-from .algorithms.train import make_trainer, stops
-from .algorithms.trainer import Trainer
+from .algorithms.registry import algorithm_class
+from .algorithms.state import RENAMED, TrainState
+from .algorithms.trainer import Trainer, make_trainer, stops
 from .algorithms.warm_start import Start, start_of
 from .compilation import use_disk_cache
 from .envs.doubts import warn_of_cut
@@ -332,7 +332,7 @@ class Agent(abc.ABC):
 
     def _metadata(self, state: TrainState) -> dict[str, Any]:
         features = self.spec.features
-        low, high = kept_bounds(features, state)
+        low, high = unbroken_bounds(features, state)
         actions = self._actions(self._actor(state))
         return {"actions": actions, **features.metadata(), "feature_low": low, "feature_high": high}
 
@@ -366,7 +366,25 @@ class A2C(Agent):
     algorithm = "a2c"
 
 
-AGENTS: dict[str, type[Agent]] = {agent.algorithm: agent for agent in (PPO, A2C)}
+def agent_class(algorithm: str) -> type[Agent]:
+    """Return the agent of an algorithm: `PPO`, `A2C`, or a class made for one that was added to `ALGORITHMS`.
+
+    Args:
+        algorithm: The name of the algorithm, as in ``Config.algorithm``.
+
+    Returns:
+        The class.
+
+    Raises:
+        KeyError: There is no algorithm of this name.
+    """
+    named = {agent.algorithm: agent for agent in (PPO, A2C)}
+    if algorithm in named:
+        return named[algorithm]
+    implementation = algorithm_class(algorithm)
+    return type(
+        implementation.__name__, (Agent,), {"algorithm": algorithm, "__doc__": implementation.__doc__}
+    )
 
 
 def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = None) -> Agent:
@@ -375,7 +393,7 @@ def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = Non
     Raises:
         ConfigError, ValueError: the tree to start from fits neither config nor environment.
     """
-    agent = AGENTS[config.algorithm](config.policy, spec, seed=seed)
+    agent = agent_class(config.algorithm)(config.policy, spec, seed=seed)
     agent.config, agent.spec = config, spec.trained_with(config.num_envs)
     if start is not None:
         start.check(config)
@@ -410,11 +428,8 @@ def load_run(run: Run) -> Agent:
     agent = agent_of(run.resolve_env(), run.config, run.seed, run.load_start())
     agent.preset = run.metadata["preset"]
     here = replace(agent.config, num_devices=1)  # to read it, a machine need not have as many as trained it
-    trainer = make_trainer(agent.spec, here, agent.seed, agent.start)
-    try:
-        agent.state = run.load_checkpoint(trainer.template())
-    finally:
-        trainer.close()
+    template = make_trainer(agent.spec, here, agent.seed, agent.start).template()
+    agent.state = run.load_checkpoint(template, RENAMED)
     return agent
 
 

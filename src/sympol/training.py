@@ -17,7 +17,7 @@ from .runs.run import Run
 from .teachers import has_soft_tree, keep_soft_tree
 
 
-def keep_in(run: Run) -> Callback:
+def save_into(run: Run) -> Callback:
     """A callback that writes a row and a checkpoint after each validation."""
 
     def keep(report: Report) -> None:
@@ -29,7 +29,7 @@ def keep_in(run: Run) -> Callback:
     return keep
 
 
-def go_on(run: Run) -> Agent:
+def resume_agent(run: Run) -> Agent:
     """The agent of a run where it was left, ready to `learn` on; rows beyond its checkpoint are dropped.
 
     From here on no other process may write in the run (`Run.take`).

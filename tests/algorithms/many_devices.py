@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 import sympol
-from sympol.algorithms.train import make_trainer
+from sympol.algorithms.trainer import make_trainer
 
 
 def main(num_devices: int, folder: str, address: str = "", process: str = "0") -> None:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import functools
+from types import SimpleNamespace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
+from gymnasium.spaces import Box
 
 from sympol.algorithms.config import Config
+from sympol.algorithms.loop import Loop, Segment
+from sympol.algorithms.registry import algorithm_class
 from sympol.algorithms.state import TrainState
-from sympol.algorithms.train_loop import Segment, make_segment
+from sympol.algorithms.trainer import make_loop
 from sympol.envs.cartpole import CartPole
 
 CARTPOLE = CartPole(max_episode_steps=11)
@@ -30,5 +35,25 @@ CONFIG = Config(
 
 @functools.cache
 def segment_of(env: Any, config: Config) -> tuple[Segment, TrainState]:
-    segment, empty = make_segment(env, config.static())
-    return jax.jit(segment), empty
+    loop = make_loop(env, config.static())
+    return jax.jit(loop.segment), loop.template()
+
+
+def state_with(config: Config, distribution: Any, normalizer: Any, seed: int = 0) -> TrainState:
+    """A new state for features that have this scale already, without environments or metrics."""
+    num_features = normalizer.shift.shape[0]
+    source: Any = SimpleNamespace(
+        bounds=Box(-1, 1, (num_features,)),
+        compiled=lambda function, ahead=False: function,
+        reset=lambda state: state,
+    )
+    algorithm = algorithm_class(config.algorithm)(config, distribution, num_features)
+    loop = Loop(config, algorithm, source)
+    state = loop.begin(config.hyperparameters(), jnp.uint32(seed), loop.template())
+    return state._replace(normalizer=normalizer)
+
+
+def begun(source: Any, config: Config, seed: int = 0) -> TrainState:
+    """A state before the first step."""
+    loop = make_loop(source, config.static())
+    return jax.jit(loop.begin)(config.hyperparameters(), jnp.uint32(seed), loop.template())

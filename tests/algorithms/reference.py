@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sympol.algorithms.config import Config, Hyperparameters
-from sympol.algorithms.init import UNBOUNDED, purpose_key
+from sympol.algorithms.initialization import purpose_key
 from sympol.algorithms.state import TrainState
+from sympol.envs.spaces import UNBOUNDED
 from sympol.functional.shuffle import Shuffle
 from sympol.policies.distributions import Categorical, Distribution
 from tests.functional.oracle import plain_tree, textbook_tree

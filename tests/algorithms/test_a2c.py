@@ -10,15 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.algorithms.a2c import a2c_loss, learn
-from sympol.algorithms.batch import Batch
+from sympol.algorithms.a2c import A2C, a2c_loss
+from sympol.algorithms.algorithm import Experience
 from sympol.algorithms.config import Config
-from sympol.algorithms.init import init_networks, init_state
-from sympol.algorithms.optimizer import ADAM_EPS, Networks, apply_gradients, labels, optimizer
+from sympol.algorithms.initialization import init_networks
+from sympol.algorithms.on_policy import Batch
+from sympol.algorithms.optim import ADAM_EPS, apply_gradients, labels, optimizer
 from sympol.algorithms.ppo import ppo_loss
-from sympol.algorithms.state import Normalizer, TrainState
+from sympol.algorithms.state import Networks, Normalizer, TrainState
 from sympol.policies.distributions import Categorical, DiagonalGaussian
 from sympol.types import Transition
+from tests.algorithms.programs import state_with
 
 DISCRETE, GAUSSIAN = Categorical(3), DiagonalGaussian((-1.0, -1.0), (1.0, 1.0), (2,))
 SPACES = pytest.mark.parametrize("distribution", [DISCRETE, GAUSSIAN], ids=["discrete", "gaussian"])
@@ -27,6 +29,7 @@ RIVALS = pytest.mark.parametrize("policy", ["mlp", "sdt"])
 OWN = {"tree": {"depth": 2}, "sdt": {"depth": 2, "temperature": 1.5}, "mlp": {"actor_hidden": (6,)}}
 BATCH, FEATURES = 64, 3
 ENT_COEF = 0.03
+PARTS = ("train/policy_gradient_loss", "train/value_loss", "train/entropy")
 loss_and_gradient = jax.jit(jax.value_and_grad(a2c_loss, has_aux=True), static_argnums=1)
 ppo_gradient = jax.jit(jax.grad(ppo_loss, has_aux=True), static_argnums=1)
 step = jax.jit(apply_gradients)
@@ -114,10 +117,10 @@ def test_loss_and_gradient_equal_numpy(distribution, policy):
     outputs, log_std, value = (np.asarray(a, np.float64) for a in found)
     expected = in_numpy(distribution, outputs, log_std, batch)
     error = value - np.asarray(batch.value_target, np.float64)
-    parts = [expected["policy_loss"].mean(), 0.5 * np.mean(error**2), expected["entropy"].mean(), 0, 0]
+    parts = [expected["policy_loss"].mean(), 0.5 * np.mean(error**2), expected["entropy"].mean()]
 
     (loss, aux), gradient = loss_and_gradient(networks, distribution, hyper, jnp.float32(ENT_COEF), batch)
-    np.testing.assert_allclose(np.array(aux), parts, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose([float(aux[name]) for name in PARTS], parts, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(loss, parts[0] + 0.7 * parts[1] - ENT_COEF * parts[2], rtol=1e-4)
 
     slope, slope_std = (
@@ -156,7 +159,7 @@ def learner(distribution, policy: str, **changes: Any) -> tuple[Config, TrainSta
     c = config(policy, **{**values, "learning_rate_critic": 0.02, **changes})
     assert (c.chunk_steps, 1 << c.max_stage) == (STEPS, MAX_CHUNKS)
     shift = np.zeros(FEATURES, np.float32)
-    state = init_state(c, distribution, Normalizer(shift, shift + 1), c.hyperparameters(), np.uint32(1))
+    state = state_with(c, distribution, Normalizer(shift, shift + 1), 1)
     networks = widened(state.networks)
     opt_state = optimizer(c.hyperparameters(), jnp.float32(1), networks).init(networks)
     rng, axes = np.random.default_rng(5), (MAX_CHUNKS, STEPS, ENVS)
@@ -221,7 +224,8 @@ def test_a_rollout_is_one_batch_and_one_step_whatever_its_length(policy, distrib
     batch = as_one_batch(c, state, jax.tree.map(lambda a: a[:num_chunks], rollout), next_x)
     assert batch.x.shape == (num_chunks * STEPS * ENVS, FEATURES)
     (_, aux), gradient = loss_and_gradient(state.networks, distribution, hyper, jnp.float32(ENT_COEF), batch)
-    np.testing.assert_allclose(np.array(after.losses), np.array(aux), rtol=1e-4, atol=1e-5)
+    for name, value in aux.items():
+        np.testing.assert_allclose(after.metrics[name], value, rtol=1e-4, atol=1e-5)
     assert max(map(norm, gradient)) > 0.1  # so that it matters what is clipped: their mean, not the parts
     networks, opt_state = step(state.networks, gradient, state.opt_state, hyper, jnp.float32(1))
     jax.tree.map(
@@ -237,11 +241,14 @@ def test_a_rollout_is_one_batch_and_one_step_whatever_its_length(policy, distrib
 @functools.cache
 def learn_once(c: Config, distribution):
     """One program for all stages: the number of chunks is traced."""
-    return jax.jit(
-        lambda hyper, state, rollout, next_x, stage: learn(
-            c, distribution, hyper, state, rollout, next_x, stage, jax.random.key(0)
-        )
-    )
+    update = A2C(c, distribution, FEATURES).update
+
+    @jax.jit
+    def learn(hyper, state, rollout, next_x, stage):
+        state, metrics = update(hyper, state, Experience(rollout, next_x, stage), jax.random.key(0))
+        return state._replace(metrics=metrics)
+
+    return learn
 
 
 def norm(gradient: Any) -> float:

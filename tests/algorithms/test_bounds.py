@@ -10,7 +10,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 import sympol
-from sympol.algorithms.bounds_check import OutsideBounds
+from sympol.algorithms.normalization import OutsideBounds
 from sympol.types import Step
 
 from ..tiny import TINY, quick_compiles

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from jax import Array
 
-from sympol.algorithms.collect import collect, empty_rollout, reset_envs
 from sympol.algorithms.config import Config
-from sympol.algorithms.init import init_state, normalizer_of
-from sympol.policies.distributions import distribution_of
+from sympol.algorithms.trainer import make_loop
 from sympol.types import Step, Transition
 
 STARTED = 100.0
@@ -72,19 +70,16 @@ def rollouts() -> tuple[Array, list[Transition], list[Array]]:
         normalize_obs=False,
         log_std_init=0.5,
     )
-    distribution = distribution_of(env.action_space)
+    loop = make_loop(env, config)
 
     @jax.jit
     def run(key):
-        normalizer, _ = normalizer_of(env.observation_space, config)
-        state = init_state(config, distribution, normalizer, config.hyperparameters(), jnp.uint32(0))
-        env_state, first = reset_envs(env, jax.random.fold_in(key, 7), NUM_ENVS)
-        state = state._replace(env_state=env_state, observation=first)
+        state = loop.begin(config.hyperparameters(), jnp.uint32(0), loop.template())
+        first = state.observation
 
         def one(state, key):
-            buffer = empty_rollout(2, distribution, config)
-            state, rollout = collect(env, distribution, state, buffer, jnp.int32(NUM_CHUNKS), key)
-            return state, (rollout, state.observation)
+            state, experience = loop.rollouts.collect(state, loop.rollouts.buffer(), jnp.int32(1), key)
+            return state, (experience.rollout, state.observation)
 
         _, (rollouts, after) = jax.lax.scan(one, state, jax.random.split(key, 2))
         return first, rollouts, after

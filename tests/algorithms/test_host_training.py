@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from sympol.agents import agent_of
-from sympol.algorithms.collect_host import HostCollector, host_seed
 from sympol.algorithms.config import Config
+from sympol.algorithms.host_rollouts import HostRollouts
+from sympol.algorithms.initialization import host_seed
+from sympol.algorithms.rollouts import validation_limit
 from sympol.algorithms.state import TrainState
-from sympol.algorithms.train import make_trainer
-from sympol.algorithms.train_host import HostTrainer
-from sympol.algorithms.trainer import Trainer
-from sympol.algorithms.validate import validation_limit
+from sympol.algorithms.trainer import Trainer, make_loop
 from sympol.envs.doubts import EpisodesCut
 from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.policies.distributions import distribution_of
 from sympol.types import Step
+
+from .programs import begun
 
 CONFIG = Config(
     depth=2,
@@ -80,7 +80,7 @@ def spec_of(make: Callable[[], gymnasium.Env] = SignedReward) -> EnvSpec:
 
 
 def train(spec: EnvSpec, cuts: list[int], seed: int = 0, config: Config = CONFIG) -> TrainState:
-    trainer: Trainer = HostTrainer(spec, config, seed)
+    trainer = Trainer(spec, config, seed)
     try:
         state = None
         for stop in cuts:
@@ -89,6 +89,12 @@ def train(spec: EnvSpec, cuts: list[int], seed: int = 0, config: Config = CONFIG
         return state
     finally:
         trainer.close()
+
+
+def source_of(spec: EnvSpec, config: Config) -> HostRollouts:
+    source = make_loop(spec, config.static()).rollouts
+    assert isinstance(source, HostRollouts)
+    return source
 
 
 def assert_same_bits(a: Any, b: Any) -> None:
@@ -120,7 +126,7 @@ def test_a_state_saved_in_between_goes_on_to_the_same_bits(trained):
     """A new process would do the same: nothing is left over from the first trainer but the arrays."""
     first = train(spec_of(), [1024])
     saved = jax.tree.map(lambda a: np.array(a), first)
-    trainer = HostTrainer(spec_of(), CONFIG, 0)
+    trainer = Trainer(spec_of(), CONFIG, 0)
     assert jax.tree.map(np.shape, trainer.template()) == jax.tree.map(np.shape, saved)
     assert_same_bits(trainer.advance(saved, 2048), trained)
     trainer.close()
@@ -128,7 +134,7 @@ def test_a_state_saved_in_between_goes_on_to_the_same_bits(trained):
 
 def test_a_failure_names_the_step_and_leaves_the_last_update():
     """Four copies step together: their 100th step comes in the second rollout, after 64 of 16 steps × 4."""
-    trainer = HostTrainer(spec_of(lambda: SignedReward(fails_at=40)), CONFIG, 0)
+    trainer = Trainer(spec_of(lambda: SignedReward(fails_at=40)), CONFIG, 0)
     with pytest.raises(EnvironmentFailure, match=r"at training step 160: environment 0 .*out of order"):
         trainer.advance(None, 2048)
     latest: Any = trainer.latest
@@ -138,7 +144,7 @@ def test_a_failure_names_the_step_and_leaves_the_last_update():
 
 
 def test_a_reward_that_is_not_finite_names_the_step():
-    trainer = HostTrainer(spec_of(lambda: SignedReward(reward=np.nan)), CONFIG, 0)
+    trainer = Trainer(spec_of(lambda: SignedReward(reward=np.nan)), CONFIG, 0)
     with pytest.raises(EnvironmentFailure, match=r"at training step 0: .*reward .*not finite"):
         trainer.advance(None, 2048)
     trainer.close()
@@ -146,7 +152,6 @@ def test_a_reward_that_is_not_finite_names_the_step():
 
 @pytest.mark.slow
 def test_cartpole_through_gymnasium_learns():
-    assert isinstance(make_trainer(CARTPOLE, CONFIG, 0), HostTrainer)
     returns = [train(CARTPOLE, [16_384], seed).validation.last_return for seed in range(3)]
     assert np.mean(returns) > 2 * 22  # what acting at random earns is 22
 
@@ -154,12 +159,11 @@ def test_cartpole_through_gymnasium_learns():
 def test_the_rollout_of_the_host_is_true():
     """Fresh noise at every step, auto-reset without a leak, actions counted from zero."""
     spec = spec_of()
-    distribution = distribution_of(spec.action_space)
-    collector = HostCollector(spec, distribution, CONFIG)
-    state = HostTrainer(spec, CONFIG, 0)._begin(CONFIG.hyperparameters(), np.uint32(0))
-    collector.begin(0, 0)
-    rollout, after = collector.collect(state, 2)
-    collector.close()
+    state, source = begun(spec, CONFIG), source_of(spec, CONFIG)
+    state = source.begin_segment(state, 0)
+    state, (rollout, after, _) = source.collect(state, None, np.int32(1), jax.random.key(0))
+    after = np.asarray(after)
+    source.close()
     observation, last = (np.concatenate(a[:2]) for a in (rollout.observation, rollout.last_observation))
     done = np.concatenate(rollout.truncated[:2])
     assert not np.any(rollout.terminated)
@@ -177,24 +181,15 @@ def test_the_rollout_of_the_host_is_true():
     np.testing.assert_array_equal(np.concatenate(rollout.reward[:2]), sign)
 
 
-def test_the_noise_of_the_policy_comes_from_keys_of_its_own():
-    """Not from those that the update makes of the same key: split(key)[i] is fold_in(key, i)."""
+def test_the_noise_of_the_policy_never_repeats():
     spec = resolve("Pendulum-v1", backend="host")
     config = dataclasses.replace(CONFIG, num_envs=2, depth=1)
-    distribution = distribution_of(spec.action_space)
-    collector = HostCollector(spec, distribution, config)
-    state = HostTrainer(spec, config, 0)._begin(config.hyperparameters(), np.uint32(0))
-    collector.begin(0, 0)
-    actions = np.concatenate(collector.collect(state, 1)[0].action[:1]).ravel()
-    collector.close()
+    source = source_of(spec, config)
+    state = source.begin_segment(begun(spec, config), 0)
+    _, experience = source.collect(state, None, np.int32(1), jax.random.key(0))
+    actions = np.asarray(experience.rollout.action[:2]).ravel()
+    source.close()
     assert len(np.unique(actions)) == len(actions)
-    key = jax.random.wrap_key_data(state.key)
-    for taken in jax.random.split(key, 2):
-        noise = np.asarray(distribution.noise(taken, (2,)))
-        # the leaves are near zero and the deviation is 1: an action is its noise, all but
-        assert np.abs(actions[:, None] - noise.ravel()[None]).min(axis=0).max() > 1e-3
-    mean = np.abs(np.asarray(state.networks.actor.leaf_values)).max()
-    assert mean < 0.05
 
 
 class Endless(SignedReward):
@@ -213,17 +208,19 @@ class Endless(SignedReward):
         return observation, float(self.time <= 3), self.time == self.length, False, {}
 
 
-def validate(*copies: Endless, **options: Any) -> tuple[float, HostCollector]:
+def validate(*copies: Endless, **options: Any) -> tuple[float, bool, HostRollouts]:
     """The return of a tree that has learnt nothing."""
     left = iter(copies)
     spec = resolve(lambda: next(left, copies[0]))
     config = dataclasses.replace(CONFIG, num_envs=len(copies), **options)
-    state = HostTrainer(spec_of(), config, 0)._begin(config.hyperparameters(), np.uint32(0))
+    state = begun(spec_of(), config)
     left = iter(copies)
-    collector = HostCollector(spec, distribution_of(spec.action_space), config)
+    source = source_of(spec, config)
+    source._open()
     for copy in copies:
         copy.resets = copy.total = 0
-    return float(collector.validate(state, 0)), collector
+    score, was_cut = source.evaluate(state, 0)
+    return float(score), was_cut, source
 
 
 def test_where_validation_cuts_an_episode_the_next_is_another():

@@ -11,9 +11,9 @@ import pytest
 
 import sympol
 from sympol.algorithms import memory
-from sympol.algorithms.collect import empty_rollout
 from sympol.algorithms.config import ConfigError
 from sympol.algorithms.memory import machine_memory, require_memory, require_room, size_of
+from sympol.algorithms.rollouts import empty_rollout
 from sympol.policies.distributions import distribution_of
 
 from ..tiny import TINY, agent, quick_compiles, refused

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import sympol
-from sympol.algorithms.collect_host import HostCollector
 from sympol.algorithms.config import Config
-from sympol.algorithms.train_host import HostTrainer
+from sympol.algorithms.trainer import Trainer
 from sympol.envs.lunar_lander import engine
 from sympol.envs.registry import MissingExtra, resolve
-from sympol.policies.distributions import distribution_of
 from sympol.runs.run import Run
-from tests.algorithms.test_host_training import assert_same_bits, train
+from tests.algorithms.programs import begun
+from tests.algorithms.test_host_training import assert_same_bits, source_of, train
 from tests.tiny import TINY, agent, flags, quick_compiles, status_of
 
 __all__ = ["quick_compiles"]
@@ -32,9 +31,9 @@ def in_machine_code() -> sympol.PPO:
 def test_it_trains(in_machine_code):
     assert in_machine_code.spec.backend == "native"
     assert in_machine_code.num_timesteps >= 2048
-    begun = HostTrainer(in_machine_code.spec, CONFIG, 0)._begin(CONFIG.hyperparameters(), np.uint32(0))
+    first = begun(in_machine_code.spec, CONFIG)
     assert np.all(
-        np.asarray(begun.networks.actor.leaf_values) != in_machine_code.state.networks.actor.leaf_values
+        np.asarray(first.networks.actor.leaf_values) != in_machine_code.state.networks.actor.leaf_values
     )
 
 
@@ -63,13 +62,13 @@ def test_continuous_actions():
 def test_validation_is_the_return_of_the_deterministic_tree():
     """Worked out here from the tree and the copies, episode by episode, none of them cut and none counted twice."""
     spec = resolve(TASK)
-    trainer = HostTrainer(spec, CONFIG, 0)
+    trainer = Trainer(spec, CONFIG, 0)
     state: Any = trainer.advance(None, 64)
-    collector = HostCollector(spec, distribution_of(spec.action_space), CONFIG)
+    source = source_of(spec, CONFIG)
     seeds: list[int] = []
-    envs: Any = collector._envs
+    envs: Any = source._open()
     reset, envs.reset = envs.reset, lambda seed: seeds.append(seed) or reset(seed)
-    score = collector.validate(state, 0)
+    score, _ = source.evaluate(state, 0)
     policy = state.networks.actor.rollout()
     observation, total, alive = reset(seeds[0]), 0.0, np.ones(CONFIG.num_envs, bool)
     while alive.any():
@@ -80,7 +79,7 @@ def test_validation_is_the_return_of_the_deterministic_tree():
     assert CONFIG.num_eval_episodes == CONFIG.num_envs
     np.testing.assert_allclose(score, total / CONFIG.num_envs, rtol=1e-6)
     trainer.close()
-    collector.close()
+    source.close()
 
 
 def test_the_output_and_the_folder_say_how(tmp_path, capsys, monkeypatch):

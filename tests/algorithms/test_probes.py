@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from jax import Array
 
+from sympol.algorithms.compiled import Compiled
 from sympol.algorithms.config import Config
 from sympol.algorithms.state import TrainState
-from sympol.algorithms.train_loop import make_segment
-from sympol.algorithms.trainer import Compiled
+from sympol.algorithms.trainer import make_loop
 from tests.envs.probes import (
     ConstantValue,
     ContinuousMatch,
@@ -130,20 +130,21 @@ def program(who: tuple[str, str]) -> Compiled:
     config = config_of(who)
 
     def train_one(which: Array, seed: Array) -> TrainState:
-        segment, empty = make_segment(OneOf(which), config)
-        stop = np.int32(config.total_timesteps)
-        return segment(config.hyperparameters(), seed, empty, np.bool_(True), stop)
+        loop = make_loop(OneOf(which), config)
+        stop, empty = np.int32(config.total_timesteps), loop.template()
+        return loop.segment(config.hyperparameters(), seed, empty, np.bool_(True), stop)
 
-    return Compiled(train_one, make_segment(OneOf(0), config)[1])
+    return Compiled(train_one)
 
 
 def train(who: tuple[str, str], env: Probe, seed: int = 0) -> TrainState:
     if env in ALIKE:
         return program(who)(np.int32(ALIKE.index(env)), np.uint32(seed))
     config = config_of(who)
-    segment, empty = make_segment(env, config)
+    loop = make_loop(env, config)
     stop = np.int32(config.total_timesteps)
-    return Compiled(segment, empty)(config.hyperparameters(), np.uint32(seed), empty, np.bool_(True), stop)
+    given = loop.template()
+    return Compiled(loop.segment)(config.hyperparameters(), np.uint32(seed), given, np.bool_(True), stop)
 
 
 def values(state: TrainState, *observations: list[float]) -> np.ndarray:

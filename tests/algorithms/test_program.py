@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import sympol.algorithms.train as train_module
+import sympol.algorithms.trainer as trainer_module
 from sympol.algorithms.config import Config, Hyperparameters, applies
-from sympol.algorithms.init import purpose_key
+from sympol.algorithms.initialization import purpose_key
 from sympol.algorithms.state import TrainState
-from sympol.algorithms.train import CompiledTrainer, stops
+from sympol.algorithms.trainer import Trainer, stops
 from sympol.envs.cartpole import CartPole
 from tests.algorithms.programs import CARTPOLE, CONFIG, segment_of
 
@@ -38,7 +38,7 @@ class Compilations:
 
 
 def train(config: Config, seed: int, cuts: list[int]) -> TrainState:
-    trainer, state = CompiledTrainer(CARTPOLE, config, seed), None
+    trainer, state = Trainer(CARTPOLE, config, seed), None
     for stop in cuts:
         state = trainer.advance(state, stop)
     assert state is not None
@@ -51,7 +51,7 @@ def assert_same_bits(a: Any, b: Any) -> None:
 
 
 def test_one_compilation_a_run_though_the_rollout_grows_128_fold():
-    train_module._known_program.cache_clear()
+    trainer_module._known_program.cache_clear()
     config = CONFIG
     with Compilations() as names:
         state = train(config, 0, stops(config))
@@ -82,18 +82,18 @@ def test_cutting_segments_elsewhere_changes_nothing():
     many, few = train(CONFIG, 5, [1, 33, 500, 4096, 5000, 9000]), train(CONFIG, 5, [9000])
     for name in ("networks", "opt_state", "normalizer", "env_state", "observation", "key", "timestep"):
         assert_same_bits(getattr(many, name), getattr(few, name))
-    assert_same_bits(many.losses, few.losses)
+    assert_same_bits(many.metrics, few.metrics)
     assert int(many.iteration) == int(few.iteration)
     assert float(many.validation.last_return) == float(few.validation.last_return)
 
 
 def test_a_state_through_numpy_goes_on_to_the_same_bits():
     """What a checkpoint does: every leaf to the disk and back."""
-    trainer = CompiledTrainer(CARTPOLE, CONFIG, 5)
+    trainer = Trainer(CARTPOLE, CONFIG, 5)
     middle = trainer.advance(None, 4096)
     saved = jax.tree.map(lambda a: np.array(a), middle)
     del middle
-    again = CompiledTrainer(CARTPOLE, CONFIG, 5)
+    again = Trainer(CARTPOLE, CONFIG, 5)
     assert jax.tree.map(np.shape, again.template()) == jax.tree.map(np.shape, saved)
     assert_same_bits(again.advance(saved, 9000), train(CONFIG, 5, [4096, 9000]))
 
@@ -136,11 +136,11 @@ def test_mapped_over_seeds_and_numbers_it_is_the_same_training():
             (
                 mapped.networks,
                 mapped.normalizer,
-                mapped.losses,
+                mapped.metrics,
                 mapped.timestep,
                 mapped.validation.last_return,
             ),
-            (alone.networks, alone.normalizer, alone.losses, alone.timestep, alone.validation.last_return),
+            (alone.networks, alone.normalizer, alone.metrics, alone.timestep, alone.validation.last_return),
         )
     leaves = mapped.networks.actor.leaf_values
     assert not np.any(leaves[0] == leaves[1])
@@ -165,5 +165,5 @@ class OwnEnv:
 
 
 def test_an_environment_that_cannot_be_hashed_trains():
-    trainer = CompiledTrainer(OwnEnv(), CONFIG, 0)
+    trainer = Trainer(OwnEnv(), CONFIG, 0)
     assert trainer.template().observation.shape == (2, 4)

@@ -13,7 +13,7 @@ import pytest
 
 from sympol.algorithms.config import Config
 from sympol.algorithms.state import PATIENCE, TrainState
-from sympol.algorithms.train_loop import make_segment, with_score
+from sympol.algorithms.trainer import make_loop
 from sympol.envs.cartpole import CartPole
 from sympol.policies.distributions import distribution_of
 from tests.algorithms.programs import CARTPOLE, CONFIG, segment_of
@@ -119,10 +119,10 @@ def test_ablations_as_the_plain_loop_trains_them(eighth, num_iterations):
 def test_the_switches_change_what_is_compiled():
     """Growth off is one chunk of full size; the program then has a single stage."""
     config = Config(dynamic_rollout=False, num_steps=32, num_envs=2, depth=1, total_timesteps=10_000)
-    _, empty = make_segment(CartPole(), config)
+    empty = make_loop(CartPole(), config).template()
     assert config.max_stage == 0
     assert empty.observation.shape == (2, 4)
-    tree = make_segment(CartPole(), Config(critic="tree", depth=3))[1].networks
+    tree = make_loop(CartPole(), Config(critic="tree", depth=3)).template().networks
     assert tree.critic.thresholds.shape == tree.actor.thresholds.shape == (7, 4)
     assert tree.critic.leaf_values.shape == (8, 1)
 
@@ -132,5 +132,5 @@ def test_reduce_lr_is_one_switch(reduce_lr):
     config = dataclasses.replace(CONFIG, reduce_lr=reduce_lr)
     state = begun(CARTPOLE, CONFIG)
     for _ in range(PATIENCE):
-        state = with_score(config, state, jnp.float32(-1))
+        state = make_loop(CARTPOLE, config).record(state, jnp.float32(-1))
     assert float(state.validation.lr_factor) == (0.5 if reduce_lr else 1)

@@ -15,7 +15,7 @@ from gymnasium.spaces import Box, Discrete
 
 import sympol
 from sympol.algorithms.config import Config, ConfigError
-from sympol.algorithms.train import make_trainer
+from sympol.algorithms.trainer import make_trainer
 from sympol.envs.registry import resolve
 
 from ..tiny import Chain

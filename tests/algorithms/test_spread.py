@@ -7,18 +7,18 @@ from typing import Any
 
 import gymnasium
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import sympol
 from sympol.algorithms.config import Config, ConfigError
-from sympol.algorithms.init import init_state, normalizer_of
-from sympol.algorithms.normalize_start import spread
+from sympol.algorithms.data_init import init_thresholds
+from sympol.algorithms.normalization import initial_normalizer
 from sympol.algorithms.state import TrainState
 from sympol.envs.registry import resolve
 from sympol.policies.distributions import distribution_of
 from sympol.types import Transition
+from tests.algorithms.programs import state_with
 from tests.tiny import TINY, quick_compiles
 
 __all__ = ["quick_compiles"]
@@ -42,12 +42,12 @@ def spread_out(seed: int) -> tuple[TrainState, TrainState, np.ndarray]:
     """A state before and after, and the chunk as the tree sees it afterwards."""
     config = Config(depth=DEPTH, trust_bounds=True, threshold_init="visited")
     distribution = distribution_of(resolve("CartPole-v1").action_space)
-    scaling = normalizer_of(SPACE, config)
-    state = init_state(config, distribution, scaling[0], config.hyperparameters(), jnp.uint32(seed))
+    scaling = initial_normalizer(SPACE, config)
+    state = state_with(config, distribution, scaling[0], seed)
     raw: Any = observations(np.random.default_rng(seed))
     nothing: Any = np.zeros((1, STEPS, ENVS), np.float32)
     chunk = Transition(state.normalizer(raw)[None], *[nothing] * 5)
-    after = jax.jit(lambda state: spread(scaling, state, chunk, jax.random.key(seed)))(state)
+    after = jax.jit(lambda state: init_thresholds(scaling, state, chunk, jax.random.key(seed)))(state)
     return state, after, np.asarray(after.normalizer(raw.reshape(-1, 3)))
 
 

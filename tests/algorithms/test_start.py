@@ -17,8 +17,8 @@ import sympol
 from sympol import DecisionTree, Start
 from sympol.agents import Agent, Report
 from sympol.algorithms.config import ConfigError
-from sympol.algorithms.freezing import apply_gradients_but, held
-from sympol.algorithms.normalize_start import settle
+from sympol.algorithms.data_init import init_from_tree
+from sympol.algorithms.optim import apply_gradients, frozen
 from sympol.algorithms.state import Normalizer
 from sympol.envs.registry import resolve
 from sympol.policies.embed import places
@@ -362,13 +362,15 @@ def test_the_gradient_of_what_is_held_counts_for_nothing():
     begun = until(agent(Start(TREE, freeze=RIGHT)), 0)
     assert begun.state is not None
     state, config = begun.state._replace(timestep=jnp.int32(1000)), begun.config
-    still = held(config, state)
-    assert still is not None
+    mask = frozen(config, state)
+    assert mask is not None
     ones = jax.tree.map(jnp.ones_like, state.networks)
-    huge = jax.tree.map(lambda held, one: jnp.where(held, 1e9 * one, one), still, ones)
+    huge = jax.tree.map(lambda still, one: jnp.where(still, 1e9 * one, one), mask, ones)
     hyper = replace(config, max_grad_norm=1.0).hyperparameters()
     step = jax.jit(
-        lambda gradient: apply_gradients_but(still, state.networks, gradient, state.opt_state, hyper, 1.0)
+        lambda gradient: apply_gradients(
+            state.networks, gradient, state.opt_state, hyper, jnp.float32(1), mask
+        )
     )
     for a, b in zip(*(jax.tree.leaves(step(gradient)) for gradient in (ones, huge)), strict=True):
         assert bits(a) == bits(b)
@@ -382,7 +384,7 @@ def test_the_best_tree_so_far_is_scaled_with_the_others():
     rows = jnp.asarray(np.random.default_rng(0).normal(size=(1, 16, 4, 4)), jnp.float32)
     rollout = Transition(rows, *(jnp.zeros((1, 16, 4)) for _ in range(4)), rows)
     scaling = (Normalizer(jnp.zeros(4), jnp.ones(4)), np.zeros(4, bool))
-    again = settle(scaling, fresh, rollout, jax.random.key(0))
+    again = init_from_tree(scaling, fresh, rollout, jax.random.key(0))
     pairs = zip(
         jax.tree.leaves(again.validation.best_actor), jax.tree.leaves(again.networks.actor), strict=True
     )

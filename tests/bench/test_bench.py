@@ -158,7 +158,7 @@ def test_a_small_bench_does_not_replace_a_large_one(root):
 def test_an_interrupted_bench_ends_as_one_that_was_not(finished, tmp_path, monkeypatch):
     first: list[int] = []
 
-    def keep_in(run):
+    def save_into(run):
         keep = keep_as_ever(run)
 
         def stop_later(report):
@@ -169,8 +169,8 @@ def test_an_interrupted_bench_ends_as_one_that_was_not(finished, tmp_path, monke
 
         return stop_later
 
-    keep_as_ever = making.keep_in
-    monkeypatch.setattr(making, "keep_in", keep_in)
+    keep_as_ever = making.save_into
+    monkeypatch.setattr(making, "save_into", save_into)
     with pytest.raises(KeyboardInterrupt):
         bench(tmp_path, "mlp", "sa-dt-5")
     assert records(tmp_path) == {}

@@ -16,11 +16,10 @@ from sympol.bench.method_specs import agent_for, method_of, register_method
 from sympol.bench.record import Cell
 from sympol.bench.runtime import take_turns
 from sympol.bench.tables import TABLES
-from sympol.runs.metrics import COLUMNS
 from sympol.runs.run import Run
 from sympol.training import training_seconds
 
-from ..tiny import agent, quick_compiles, refused, status_of, trained
+from ..tiny import COLUMNS, agent, quick_compiles, refused, status_of, trained
 from . import own_methods as own_functions
 from .bench import records, tiny_bench
 

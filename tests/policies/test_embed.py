@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.algorithms.normalize_start import exact_normalizer, next_float, normalize_at, thresholds_among
+from sympol.algorithms.data_init import exact_normalizer, next_float, normalize_at, thresholds_among
 from sympol.algorithms.state import Normalizer
 from sympol.functional import entmax15, select
 from sympol.policies.embed import embed, leaf_logits, places

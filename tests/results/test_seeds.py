@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete
 
-from sympol.algorithms.collect_host import host_seed
-from sympol.algorithms.init import PURPOSES, purpose_key
+from sympol.algorithms.initialization import PURPOSES, host_seed, purpose_key
 from sympol.envs.host import HostEnvs
 from sympol.envs.spaces import Features
 from sympol.play import episode_seed

@@ -15,10 +15,10 @@ import pytest
 import sympol
 from sympol.runs import checkpoint
 from sympol.runs.metadata import RunError
-from sympol.runs.metrics import COLUMNS, MetricsFile
+from sympol.runs.metrics import MetricsFile
 from sympol.runs.run import Run
 
-from ..tiny import TRAIN, agent, csv_without_time, quick_compiles, refused, status_of
+from ..tiny import COLUMNS, TRAIN, agent, csv_without_time, quick_compiles, refused, status_of
 
 __all__ = ["quick_compiles"]
 

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from sympol.runs.metrics import COLUMNS, STEP, MetricsFile, SetAside
+from sympol.runs.metrics import STEP, MetricsFile, SetAside
+
+from ..tiny import COLUMNS
 
 ROWS = [[float(step), *(step + i / 8 for i in range(1, len(COLUMNS)))] for step in range(100, 4000, 100)]
 """39 of them."""
@@ -74,7 +76,6 @@ def test_no_row_is_lost_and_nothing_is_mislabelled(file, content):
     check(ROWS[:31])
     missing = {name for name in COLUMNS if any(math.isnan(row[name]) for row in metrics.read())}
     assert missing == {name for name in COLUMNS if name not in content and f'"{name}"' not in content}
-    assert file.read_text().split(",")[:5] == [*COLUMNS[:5]]
     assert ("note" in content) == (file.read_text().count("x") > 30)
     assert [path.name for path in file.parent.iterdir()] == ["metrics.csv"]
 

@@ -19,8 +19,8 @@ from sympol.cli.tree_io import tree_from
 from sympol.runs.metadata import RunError
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, MultiDiscreteActions
 from sympol.trees.diff import diff
+from sympol.trees.explain.sufficient_reason import smallest_hitting_set
 from sympol.trees.override import nodes_reached_by, override
-from sympol.trees.sufficient_reason import smallest_hitting_set
 from sympol.trees.text import leaf_conditions, rules
 from sympol.trees.verify import Property, equal, read_properties
 

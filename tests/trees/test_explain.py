@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions, Group
-from sympol.trees.counterfactual import NORMS, Norm, nearest
-from sympol.trees.explain import Explanation, explain
-from sympol.trees.explanation_features import units_of
-from sympol.trees.sufficient_reason import smallest_hitting_set
+from sympol.trees.explain import NORMS, Explanation, Norm, explain, explanation_features, nearest
+from sympol.trees.explain.sufficient_reason import smallest_hitting_set
 
 from .samples import (
     ACTIONS,
@@ -51,14 +49,14 @@ def cases():
 def worlds(tree: DecisionTree, x: np.ndarray) -> np.ndarray:
     """One observation of each cell that the space has, with the values of x as well, in all combinations of units."""
     axes = []
-    for unit in units_of(tree):
+    for unit in explanation_features(tree):
         if unit.group is not None:
-            values = np.eye(len(unit.features), dtype=np.float32)
-            low, high = tree.feature_low[list(unit.features)], tree.feature_high[list(unit.features)]
+            values = np.eye(len(unit.positions), dtype=np.float32)
+            low, high = tree.feature_low[list(unit.positions)], tree.feature_high[list(unit.positions)]
             fits = ((values >= low) & (values <= high)).all(axis=1)
-            values = np.concatenate([values[fits] if fits.any() else values, x[None, list(unit.features)]])
+            values = np.concatenate([values[fits] if fits.any() else values, x[None, list(unit.positions)]])
         else:
-            i = unit.features[0]
+            i = unit.positions[0]
             t = np.unique(tree.threshold[tree.feature == i])
             above = np.where(
                 t == 0, np.finfo(np.float32).smallest_normal, np.nextafter(t, np.float32(np.inf))
@@ -74,7 +72,7 @@ def worlds(tree: DecisionTree, x: np.ndarray) -> np.ndarray:
             values = np.unique(np.concatenate([grid, [x[i]]]).astype(np.float32))[:, None]
         axes.append(values)
     rows = [np.concatenate(parts) for parts in product(*axes)]
-    order = np.argsort([f for unit in units_of(tree) for f in unit.features])
+    order = np.argsort([f for unit in explanation_features(tree) for f in unit.positions])
     return np.array(rows, np.float32)[:, order]
 
 
@@ -86,7 +84,7 @@ def forces(tree: DecisionTree, x: np.ndarray, worlds: np.ndarray, some: tuple[in
     """Whether these units, as they are in x, leave no other action, whatever the others are."""
     y = worlds.copy()
     for i in some:
-        features = list(units_of(tree)[i].features)
+        features = list(explanation_features(tree)[i].positions)
         y[:, features] = x[features]
     return bool((flat(tree.predict(y)) == flat(tree.predict(x[None]))).all())
 
@@ -94,11 +92,11 @@ def forces(tree: DecisionTree, x: np.ndarray, worlds: np.ndarray, some: tuple[in
 def test_a_reason_forces_the_action_and_nothing_smaller_does():
     lengths = set()
     for tree, observations in cases():
-        units = units_of(tree)
+        units = explanation_features(tree)
         for x in observations:
             reason, y = explain(tree, x).reason, worlds(tree, x)
 
-            found = tuple(i for i, unit in enumerate(units) if unit in reason.units)
+            found = tuple(i for i, unit in enumerate(units) if unit in reason.features)
             sizes = chain.from_iterable(combinations(range(len(units)), k) for k in range(len(found)))
             assert forces(tree, x, y, found)
             assert not any(forces(tree, x, y, some) for some in sizes)
@@ -108,8 +106,8 @@ def test_a_reason_forces_the_action_and_nothing_smaller_does():
 
 def distances(tree: DecisionTree, x: np.ndarray, y: np.ndarray, norm: Norm, scales: np.ndarray) -> np.ndarray:
     each = []
-    for unit, scale in zip(units_of(tree), scales, strict=True):
-        difference = np.abs(y[:, unit.features].astype(float) - x[list(unit.features)]).max(axis=1)
+    for unit, scale in zip(explanation_features(tree), scales, strict=True):
+        difference = np.abs(y[:, unit.positions].astype(float) - x[list(unit.positions)]).max(axis=1)
         each.append((difference != 0) / scale if unit.group else difference / scale)
     away = np.stack(each)
     return {"l1": away.sum(axis=0), "l0": np.count_nonzero(away, axis=0), "linf": away.max(axis=0)}[norm]
@@ -119,12 +117,12 @@ def distances(tree: DecisionTree, x: np.ndarray, y: np.ndarray, norm: Norm, scal
 def test_nothing_nearer_gets_another_action(norm: Norm):
     some, none = 0, 0
     for tree, observations in cases():
-        units = units_of(tree)
+        units = explanation_features(tree)
         rng = np.random.default_rng(tree.n_nodes)
         for x in observations:
             scales = rng.choice([1.0, 0.5, 3.0], len(units))
             fixed = [i for i in range(len(units)) if rng.random() < 0.2]
-            names = [unit.features[0] for unit in units]
+            names = [unit.positions[0] for unit in units]
             explained = explain(
                 tree,
                 x,
@@ -134,7 +132,7 @@ def test_nothing_nearer_gets_another_action(norm: Norm):
             )
             y = worlds(tree, x)
             for i in fixed:
-                features = list(units[i].features)
+                features = list(units[i].positions)
                 y = y[(y[:, features] == x[features]).all(axis=1)]
             actions, away = flat(tree.predict(y)), distances(tree, x, y, norm, scales)
             asked = [np.ravel(one.action).tolist() for one in explained.counterfactuals]
@@ -164,8 +162,8 @@ def possible(tree: DecisionTree, x: np.ndarray, y: np.ndarray, fixed: list[int])
     """What changed is in the space, and what must not change did not."""
     assert y.dtype == np.float32
     assert len(consistent(tree, y[None]))
-    for i, unit in enumerate(units_of(tree)):
-        features = list(unit.features)
+    for i, unit in enumerate(explanation_features(tree)):
+        features = list(unit.positions)
         if (y[features] == x[features]).all():
             continue
         assert i not in fixed
@@ -330,4 +328,4 @@ def test_large_trees_are_explained_at_once():
     for x in rng.normal(size=(20, 40)):
         explained = explain(tree, x)
         assert isinstance(explained, Explanation)
-        assert 0 < len(explained.reason.units) <= 8
+        assert 0 < len(explained.reason.features) <= 8

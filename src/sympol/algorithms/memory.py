@@ -17,8 +17,8 @@ import jax
 
 from ..envs.spec import EnvSpec
 from ..policies.distributions import distribution_of
-from .collect import empty_rollout
 from .config import Config, ConfigError
+from .rollouts import empty_rollout
 
 _REMEDY = "lower num_envs, num_steps or growth"
 _UNTOUCHED = 2

@@ -1,4 +1,4 @@
-"""What is said of a training between two segments, and that it still makes sense."""
+"""What a training reports between two segments, and the check that its numbers are finite."""
 
 from __future__ import annotations
 
@@ -12,9 +12,16 @@ from .state import TrainState
 
 
 def require_finite(state: TrainState, before: int, names: Sequence[str]) -> None:
-    """Raise EnvironmentFailure where a training has come to NaN or infinity since timestep ``before``.
+    """Check that a training holds finite numbers only.
 
-    ``names`` are those of the features, some of which the environment may have made too large to be scaled.
+    Args:
+        state: The state after a segment.
+        before: The timestep at the start of the segment, for the message.
+        names: The names of the features.
+
+    Raises:
+        EnvironmentFailure: A parameter or the validation return is NaN or infinite, or a feature is too large to be
+            scaled.
     """
     unscaled = np.flatnonzero(np.isnan(np.asarray(state.normalizer.shift)))
     if unscaled.size:
@@ -32,7 +39,16 @@ def require_finite(state: TrainState, before: int, names: Sequence[str]) -> None
 
 
 def metrics_of(state: TrainState, elapsed: float, fps: float) -> dict[str, float]:
-    """The last segment in numbers, under stable-baselines3's names."""
+    """Return the numbers of the last segment under stable-baselines3's names.
+
+    Args:
+        state: The state after the segment.
+        elapsed: Seconds of training so far.
+        fps: Environment steps per second.
+
+    Returns:
+        The metrics of the loop, then those of the algorithm's last update. Means over no episode are NaN.
+    """
     episodes = max(1, int(state.episodes.num_ended))
     nothing = float("nan") if int(state.episodes.num_ended) == 0 else 0.0
     return {
@@ -42,9 +58,5 @@ def metrics_of(state: TrainState, elapsed: float, fps: float) -> dict[str, float
         "rollout/ep_rew_mean": float(state.episodes.sum_return) / episodes + nothing,
         "rollout/ep_len_mean": float(state.episodes.sum_length) / episodes + nothing,
         "eval/mean_reward": float(state.validation.last_return),
-        "train/policy_gradient_loss": float(state.losses.policy_loss),
-        "train/value_loss": float(state.losses.value_loss),
-        "train/entropy": float(state.losses.entropy),
-        "train/approx_kl": float(state.losses.approx_kl),
-        "train/clip_fraction": float(state.losses.clip_fraction),
+        **{name: float(value) for name, value in state.metrics.items()},
     }

@@ -1,4 +1,4 @@
-"""Proximal policy optimisation (Schulman et al., 2017): from a rollout to better networks."""
+"""Proximal policy optimization (Schulman et al., 2017)."""
 
 from __future__ import annotations
 
@@ -11,63 +11,59 @@ from jaxtyping import Float, Int, PRNGKeyArray
 
 from ..functional.shuffle import Shuffle
 from ..policies.distributions import Distribution
-from ..types import Transition
-from .batch import Batch, coefficients, divide, make_batch
-from .config import Config, Hyperparameters
-from .freezing import apply_gradients_but, held
-from .optimizer import Networks
-from .state import Losses, TrainState
+from .algorithm import Algorithm, Experience, Metrics, mean_of, zeros_of
+from .config import Hyperparameters
+from .on_policy import Batch, coefficients, make_batch
+from .optim import Networks, apply_gradients, frozen
+from .state import TrainState
 
 
-def learn(
-    config: Config,
-    distribution: Distribution,
-    hyper: Hyperparameters,
-    state: TrainState,
-    rollout: Transition,
-    next_x: Float[Array, "envs features"],
-    stage: Int[Array, ""],
-    key: PRNGKeyArray,
-) -> TrainState:
-    """Update the networks on the first ``2^stage`` chunks of the rollout.
+class PPO(Algorithm):
+    """Several epochs of minibatch steps on the clipped surrogate of each rollout."""
 
-    ``next_x`` is the scaled observation after the last step, from which the rollout's end is bootstrapped.
-    """
-    samples = make_batch(config, distribution, hyper, state.networks, rollout, next_x, 1 << stage)
-    ent_coef, rate = coefficients(config, hyper, state)
-    still = held(config, state)
+    def update(
+        self, hyper: Hyperparameters, state: TrainState, experience: Experience, key: PRNGKeyArray
+    ) -> tuple[TrainState, Metrics]:
+        """Take ``num_epochs`` passes over the rollout; see `Algorithm.update`."""
+        config, distribution, stage = self.config, self.distribution, experience.stage
+        samples = make_batch(config, distribution, hyper, state.networks, experience)
+        ent_coef, rate = coefficients(config, hyper, state)
+        mask = frozen(config, state)
 
-    # Accumulating micro-batches of one fixed shape makes any batch out of one compiled gradient.
-    micro_size = config.chunk_size // config.num_minibatches
-    num_micro = config.num_minibatches << stage
-    accumulate = (1 << stage) if config.dynamic_batch else jnp.int32(1)
+        def loss(networks: Networks, batch: Batch) -> tuple[Float[Array, ""], Metrics]:
+            return ppo_loss(networks, distribution, hyper, ent_coef, batch)
 
-    def epoch(i: Int[Array, ""], carry: Any) -> Any:
-        shuffle = Shuffle.create(jax.random.fold_in(key, i), config.chunk_size, 1 << config.max_stage)
+        # Accumulating micro-batches of one fixed shape makes any batch out of one compiled gradient.
+        micro_size = config.chunk_size // config.num_minibatches
+        num_micro = config.num_minibatches << stage
+        accumulate = (1 << stage) if config.dynamic_batch else jnp.int32(1)
 
-        def gradient_of(micro: Int[Array, ""], networks: Networks) -> tuple[Networks, Losses]:
-            rows = shuffle(micro * micro_size + jnp.arange(micro_size), stage)
-            batch = jax.tree.map(lambda a: a[rows], samples)
-            return jax.grad(ppo_loss, has_aux=True)(networks, distribution, hyper, ent_coef, batch)
+        def epoch(i: Int[Array, ""], carry: Any) -> Any:
+            shuffle = Shuffle.create(jax.random.fold_in(key, i), config.chunk_size, 1 << config.max_stage)
 
-        def update(j: Int[Array, ""], carry: Any) -> Any:
-            networks, opt_state, losses = carry
+            def gradient_of(micro: Int[Array, ""], networks: Networks) -> tuple[Networks, Metrics]:
+                rows = shuffle(micro * micro_size + jnp.arange(micro_size), stage)
+                batch = jax.tree.map(lambda a: a[rows], samples)
+                return jax.grad(loss, has_aux=True)(networks, batch)
 
-            def add(k: Int[Array, ""], total: Any) -> Any:
-                return jax.tree.map(jnp.add, total, gradient_of(j * accumulate + k, networks))
+            def step(j: Int[Array, ""], carry: Any) -> Any:
+                networks, opt_state, metrics = carry
 
-            zeros = (jax.tree.map(jnp.zeros_like, networks), Losses.zeros())
-            total = jax.lax.fori_loop(0, accumulate, add, zeros)
-            gradient, aux = divide(total, accumulate)
-            networks, opt_state = apply_gradients_but(still, networks, gradient, opt_state, hyper, rate)
-            return networks, opt_state, jax.tree.map(jnp.add, losses, aux)
+                def add(k: Int[Array, ""], total: Any) -> Any:
+                    return jax.tree.map(jnp.add, total, gradient_of(j * accumulate + k, networks))
 
-        return jax.lax.fori_loop(0, num_micro // accumulate, update, carry)
+                zeros = jax.tree.map(jnp.zeros_like, (networks, metrics))
+                gradient, aux = mean_of(jax.lax.fori_loop(0, accumulate, add, zeros), accumulate)
+                networks, opt_state = apply_gradients(networks, gradient, opt_state, hyper, rate, mask)
+                return networks, opt_state, jax.tree.map(jnp.add, metrics, aux)
 
-    carry = (state.networks, state.opt_state, Losses.zeros())
-    networks, opt_state, losses = jax.lax.fori_loop(0, config.num_epochs, epoch, carry)
-    losses = divide(losses, config.num_epochs * (num_micro // accumulate))
-    return state._replace(networks=networks, opt_state=opt_state, losses=losses)
+            return jax.lax.fori_loop(0, num_micro // accumulate, step, carry)
+
+        _, metrics = jax.eval_shape(loss, state.networks, samples)
+        carry = (state.networks, state.opt_state, zeros_of(metrics))
+        networks, opt_state, metrics = jax.lax.fori_loop(0, config.num_epochs, epoch, carry)
+        metrics = mean_of(metrics, config.num_epochs * (num_micro // accumulate))
+        return state._replace(networks=networks, opt_state=opt_state), metrics
 
 
 def ppo_loss(
@@ -76,8 +72,19 @@ def ppo_loss(
     hyper: Hyperparameters,
     ent_coef: Float[Array, ""],
     batch: Batch,
-) -> tuple[Float[Array, ""], Losses]:
-    """Clipped surrogate, squared error of the value, entropy bonus; means over the batch."""
+) -> tuple[Float[Array, ""], Metrics]:
+    """Compute the clipped surrogate loss of a batch (equations 7 and 9 of the paper).
+
+    Args:
+        networks: The actor and the critic.
+        distribution: The distribution that the actor parametrizes.
+        hyper: The traced hyperparameters.
+        ent_coef: The weight of the entropy bonus now.
+        batch: Samples ``[batch, ...]``.
+
+    Returns:
+        The loss, a mean over the batch, and its parts as metrics.
+    """
     outputs, log_std = networks.actor(batch.x), networks.actor.log_std
     log_ratio = distribution.log_prob(outputs, log_std, batch.action) - batch.log_prob
     ratio = jnp.exp(log_ratio)
@@ -86,6 +93,10 @@ def ppo_loss(
     value_loss = 0.5 * jnp.mean((networks.critic(batch.x)[:, 0] - batch.value_target) ** 2)
     entropy = jnp.mean(distribution.entropy(outputs, log_std))
     loss = policy_loss + hyper.vf_coef * value_loss - ent_coef * entropy
-    clip_fraction = jnp.mean((jnp.abs(ratio - 1) > hyper.clip_eps).astype(jnp.float32))
-    approx_kl = jnp.mean(ratio - 1 - log_ratio)
-    return loss, Losses(policy_loss, value_loss, entropy, approx_kl, clip_fraction)
+    return loss, {
+        "train/policy_gradient_loss": policy_loss,
+        "train/value_loss": value_loss,
+        "train/entropy": entropy,
+        "train/approx_kl": jnp.mean(ratio - 1 - log_ratio),
+        "train/clip_fraction": jnp.mean((jnp.abs(ratio - 1) > hyper.clip_eps).astype(jnp.float32)),
+    }

@@ -1,4 +1,4 @@
-"""All that a training is, between two segments: a pytree that can be saved and continued to the bit."""
+"""The state of a training between two segments: a pytree that can be saved, and continued to the bit."""
 
 from __future__ import annotations
 
@@ -11,29 +11,48 @@ from jax import Array
 from jaxtyping import Bool, Float, Int, UInt32
 
 from ..policies.actor import Actor
-from .optimizer import Networks
+from ..policies.mlp import MLP
+from ..policies.soft_tree import SoftTree
+from ..policies.tree import Tree
 
 PATIENCE = 5
 """Validations without improvement before the learning rates are halved."""
 
 
+class Networks(NamedTuple):
+    """What is trained; actor and critic share no parameters.
+
+    Attributes:
+        actor: The policy, an `Actor`.
+        critic: The value function.
+    """
+
+    actor: Any
+    critic: MLP | Tree | SoftTree
+
+
 class Normalizer(NamedTuple):
-    """The frozen affine map ``(x − shift) · scale`` between the environment and the networks."""
+    """The affine map ``(x − shift) · scale`` between the environment and the networks; frozen once it is fitted.
+
+    Attributes:
+        shift: One number per feature.
+        scale: One number per feature. NaN in ``shift`` marks features that cannot be scaled.
+    """
 
     shift: Float[Array, " features"]
     scale: Float[Array, " features"]
 
     def __call__(self, x: Float[Array, "*batch features"]) -> Float[Array, "*batch features"]:
-        """Observations of about unit scale."""
+        """Return observations of about unit scale."""
         shape = (1,) * (x.ndim - 1) + self.shift.shape
         return (x - self.shift.reshape(shape)) * self.scale.reshape(shape)
 
-    def or_none(self, held: Bool[Array, " features"]) -> Normalizer:
-        """Itself, with NaN for the features that cannot be scaled: a compiled program has no other way to say it."""
-        return self._replace(shift=jnp.where(held, self.shift, jnp.nan))
+    def where_valid(self, valid: Bool[Array, " features"]) -> Normalizer:
+        """Return a normalizer that is NaN for invalid features: a compiled program cannot raise an error."""
+        return self._replace(shift=jnp.where(valid, self.shift, jnp.nan))
 
-    def is_there(self) -> Bool[Array, ""]:
-        """Whether all features can be scaled."""
+    def is_valid(self) -> Bool[Array, ""]:
+        """Return whether all features can be scaled."""
         return ~jnp.isnan(self.shift).any()
 
 
@@ -48,7 +67,7 @@ class Episodes(NamedTuple):
 
     @staticmethod
     def zeros(num_envs: int) -> Episodes:
-        """Nothing has happened yet."""
+        """Return the statistics before the first step."""
         return Episodes(
             jnp.zeros(num_envs), jnp.zeros(num_envs, jnp.int32), jnp.float32(0), jnp.int32(0), jnp.int32(0)
         )
@@ -65,31 +84,16 @@ class Episodes(NamedTuple):
         )
 
     def steps(self, reward: Float[Array, "steps envs"], done: Bool[Array, "steps envs"]) -> Episodes:
-        """Count many steps, one after the other."""
+        """Count several steps, one after the other."""
         return jax.lax.scan(lambda e, step: (e.step(*step), None), self, (reward, done))[0]
 
-    def reported(self) -> Episodes:
-        """The sums start again."""
+    def after_report(self) -> Episodes:
+        """Return the statistics with their sums back at zero."""
         return self._replace(sum_return=jnp.float32(0), sum_length=jnp.int32(0), num_ended=jnp.int32(0))
 
 
-class Losses(NamedTuple):
-    """Means over the last rollout's updates."""
-
-    policy_loss: Float[Array, ""]
-    value_loss: Float[Array, ""]
-    entropy: Float[Array, ""]
-    approx_kl: Float[Array, ""]
-    clip_fraction: Float[Array, ""]
-
-    @staticmethod
-    def zeros() -> Losses:
-        """Before the first update."""
-        return Losses(*(jnp.float32(0) for _ in Losses._fields))
-
-
 class Validation(NamedTuple):
-    """What the deterministic tree earned on validation seeds, and what follows from it."""
+    """Returns of the deterministic policy on validation seeds, the best actor so far, and the learning rate factor."""
 
     last_return: Float[Array, ""]
     best_return: Float[Array, ""]
@@ -100,7 +104,7 @@ class Validation(NamedTuple):
 
     @staticmethod
     def create(actor: Actor) -> Validation:
-        """Before the first validation."""
+        """Return the record before the first validation."""
         nothing = jnp.float32(-jnp.inf)
         return Validation(nothing, nothing, jnp.int32(0), actor, jnp.int32(0), jnp.float32(1))
 
@@ -125,28 +129,47 @@ class Validation(NamedTuple):
         )
 
 
-class Warm(NamedTuple):
-    """What a training that started from a tree remembers of it (`sympol.algorithms.warm_start`)."""
+class WarmStartState(NamedTuple):
+    """What a training that started from a tree remembers of it (`sympol.algorithms.warm_start`).
+
+    Attributes:
+        kept: The splits that came from the tree; the others pad it to a complete tree.
+        frozen_splits: The splits that never change.
+        frozen_leaves: The leaves that never change.
+        critic_warmup: The fraction of the training in which only the critic learns.
+    """
 
     kept: Bool[Array, " nodes"]
-    """Splits that are the tree's; the others only filled up the complete tree."""
     frozen_splits: Bool[Array, " nodes"]
     frozen_leaves: Bool[Array, " leaves"]
     critic_warmup: Float[Array, ""]
-    """The part of the training in which only the critic learns."""
 
     @staticmethod
-    def create(depth: int) -> Warm:
-        """Of a tree that is still to come."""
+    def zeros(depth: int) -> WarmStartState:
+        """Return a state of the right shapes for a tree of this depth."""
         nodes = jnp.zeros(2**depth - 1, bool)
-        return Warm(nodes, nodes, jnp.zeros(2**depth, bool), jnp.float32(0))
+        return WarmStartState(nodes, nodes, jnp.zeros(2**depth, bool), jnp.float32(0))
 
 
 class TrainState(NamedTuple):
-    """See the module. ``env_state`` and ``observation`` are None where the host steps the environments.
+    """Everything that a training is.
 
-    ``key`` is raw key data, so that every leaf is a plain array. ``outside`` says which features were seen below
-    (first row) and above (second row) the bounds that the environment promised.
+    Attributes:
+        networks: The parameters.
+        opt_state: The state of the optimizer.
+        normalizer: The scale of the features.
+        outside: Which features were seen below (first row) and above (second row) the bounds of the space.
+        env_state: The state of the environments; None where the host steps them.
+        observation: The raw observations ``[envs, features]`` to act on next; None where the host steps them.
+        key: Raw data of a JAX key, so that every leaf is a plain array.
+        timestep: Environment steps so far.
+        iteration: Rollouts so far.
+        episodes: Statistics of the episodes of training.
+        metrics: The metrics of the last update, by name.
+        validation: The record of validations.
+        memory: What the algorithm keeps beside its networks (`Algorithm.init_memory`).
+        warm: What is remembered of the tree that training started from; None where it started at random.
+        was_cut: Whether the last validation cut an episode; None outside of a segment, so that no checkpoint has it.
     """
 
     networks: Networks
@@ -159,12 +182,21 @@ class TrainState(NamedTuple):
     timestep: Int[Array, ""]
     iteration: Int[Array, ""]
     episodes: Episodes
-    losses: Losses
+    metrics: dict[str, Float[Array, ""]]
     validation: Validation
-    warm: Warm | None = None
-    """None where training began with random networks."""
-    cut: Bool[Array, ""] | None = None
-    """Whether the last validation cut an episode; inside the compiled program only, and so in no checkpoint."""
+    memory: Any = None
+    warm: WarmStartState | None = None
+    was_cut: Bool[Array, ""] | None = None
+
+
+RENAMED = {
+    ".metrics['train/policy_gradient_loss']": ".losses.policy_loss",
+    ".metrics['train/value_loss']": ".losses.value_loss",
+    ".metrics['train/entropy']": ".losses.entropy",
+    ".metrics['train/approx_kl']": ".losses.approx_kl",
+    ".metrics['train/clip_fraction']": ".losses.clip_fraction",
+}
+"""The names of arrays in checkpoints of version 0.1.0, by the name of today."""
 
 
 def tree_where(condition: Bool[Array, "*batch"], if_true: Any, if_false: Any) -> Any:

@@ -19,7 +19,7 @@ from ..trees.actions import ActionSpec, BoxActions
 from ..trees.override import nodes_reached_by
 from .config import Config
 from .knobs import ConfigError
-from .state import Normalizer, TrainState, Warm
+from .state import Normalizer, TrainState, WarmStartState
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Start:
         origin_return, freeze = known.pop("return_mean", None), known.pop("freeze")
         return cls(tree, freeze=tuple(freeze), origin_return=origin_return, **known)
 
-    def parameters(self, config: Config, seed: int) -> tuple[Tree, Warm]:
+    def parameters(self, config: Config, seed: int) -> tuple[Tree, WarmStartState]:
         """The actor to begin with, over raw observations, and what is to be remembered of it; all on the host."""
         where = places(self.tree, config.depth)
         frozen = np.isin(np.arange(self.tree.n_nodes), self.freeze)
@@ -132,7 +132,7 @@ class Start:
         leaves = (self.tree.is_leaf & frozen)[where.leaf]
         splits = np.where(kept, frozen[where.split], _all_below(leaves))
         warm: Any = (kept, splits, leaves, np.float32(self.critic_warmup))
-        return jax.tree.map(np.asarray, actor), Warm(*warm)
+        return jax.tree.map(np.asarray, actor), WarmStartState(*warm)
 
 
 def start_of(start: DecisionTree | Start | None, freeze: Iterable[int] | str, spec: EnvSpec) -> Start | None:
@@ -150,8 +150,17 @@ def start_of(start: DecisionTree | Start | None, freeze: Iterable[int] | str, sp
     return replace(fitted, freeze=(*fitted.freeze, *nodes))
 
 
-def plant(state: TrainState, actor: Tree, warm: Warm | None) -> TrainState:
-    """A new state that begins with this actor, over raw observations until the first chunk is there (`settle`)."""
+def install_actor(state: TrainState, actor: Tree, warm: WarmStartState | None) -> TrainState:
+    """Return a new state that begins with an actor over raw observations.
+
+    Args:
+        state: The state of a training that begins at random.
+        actor: The tree to start from, as a complete tree.
+        warm: What is to be remembered of it.
+
+    Returns:
+        The state; its features are scaled once the first chunk of experience is there (`data_init.init_from_tree`).
+    """
     shift, scale = state.normalizer
     return state._replace(
         networks=state.networks._replace(actor=actor),

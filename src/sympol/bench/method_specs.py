@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
-from ..agents import AGENTS, Agent
+from ..agents import Agent, agent_class
 from ..algorithms.config import Config
 from ..distill import METHODS as DISTILLERS
 from ..envs.registry import resolve
@@ -125,7 +125,7 @@ def agent_for(cell: Cell, seed: int, total_timesteps: int) -> Agent:
         raise ValueError(f"unknown variant {cell.variant!r}; there are {', '.join(VARIANTS)}")
     overrides = {**VARIANTS.get(cell.variant, {}), "total_timesteps": total_timesteps}
     spec = environment(cell.environment)
-    return AGENTS[cell.algo](method.policy, spec, seed=seed, preset=method.preset, **overrides)
+    return agent_class(cell.algo)(method.policy, spec, seed=seed, preset=method.preset, **overrides)
 
 
 def config_of(cell: Cell, settings: Settings) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ..runs.lock import one_at_a_time
 from ..runs.metadata import RunError
 from ..runs.run import Run
 from ..teachers import discretize_agent, teacher_of
-from ..training import finish, go_on, has_run, keep_in, training_seconds
+from ..training import finish, has_run, resume_agent, save_into, training_seconds
 from ..trees import DecisionTree
 from .jobs import RESULT, Result, Unit, units_of
 from .method_specs import agent_for, config_of, distilling, environment, own
@@ -69,7 +69,7 @@ def trained(unit: Unit) -> tuple[Agent, Run]:
     wanted = agent_for(unit.cell, unit.seed, unit.settings.total_timesteps)
     agent, run = _left(unit, wanted) or (wanted, begun(unit, wanted))
     if agent.num_timesteps < agent.config.total_timesteps:
-        agent.learn(callback=keep_in(run), progress_bar=False)
+        agent.learn(callback=save_into(run), progress_bar=False)
     return agent, run
 
 
@@ -84,7 +84,7 @@ def _left(unit: Unit, wanted: Agent) -> tuple[Agent, Run] | None:
             and run.seed == wanted.seed
             and run.config == wanted.config
         )
-        return (go_on(run), run) if same else None
+        return (resume_agent(run), run) if same else None
     except RunError:
         return None  # damaged, or by another version: begin anew
 

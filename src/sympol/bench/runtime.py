@@ -12,11 +12,11 @@ import jax
 
 from ..agents import Agent, Report
 from ..algorithms.metrics import metrics_of, require_finite
-from ..algorithms.train import make_trainer, stops
+from ..algorithms.trainer import make_trainer, stops
 from ..compilation import use_disk_cache
 from ..runs.lock import one_at_a_time
 from ..runs.run import Run
-from ..training import keep_in
+from ..training import save_into
 from .jobs import Result, units_of
 from .method_specs import agent_for
 from .run import begun, kept, tested
@@ -71,4 +71,4 @@ def take_turns(agents: Sequence[Agent], runs: Sequence[Run]) -> None:
 def _keep(agent: Agent, run: Run, elapsed: float) -> None:
     assert agent.state is not None
     metrics = metrics_of(agent.state, elapsed, agent.num_timesteps / elapsed)
-    keep_in(run)(Report(agent, agent.num_timesteps, agent.config.total_timesteps, metrics))
+    save_into(run)(Report(agent, agent.num_timesteps, agent.config.total_timesteps, metrics))

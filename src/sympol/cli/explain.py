@@ -13,8 +13,7 @@ import tyro
 
 from ..trees import DecisionTree
 from ..trees.boxes import space
-from ..trees.counterfactual import Norm
-from ..trees.explanation_features import positions, units_of
+from ..trees.explain import Norm, explanation_features, feature_indices
 from ..trees.name_lookup import position
 from .arguments import Folder, PlaysRun, parse
 from .console import out
@@ -104,17 +103,17 @@ def _visited(given: Explain, tree: DecisionTree, seed: int) -> np.ndarray:
 
 def _named(words: Sequence[str], tree: DecisionTree) -> np.ndarray:
     """Return an observation near zero, with the named features and groups set."""
-    x, units = space(tree, bounds=True).some_observation().astype(np.float64), units_of(tree)
+    x, features = space(tree, bounds=True).some_observation().astype(np.float64), explanation_features(tree)
     for word in words:
         name, equals, value = word.rpartition("=")
         if not equals:
             raise ValueError(f"--observation must be all numbers or all NAME=VALUE, got {word!r}")
-        unit = units[positions(tree, units, [name]).pop()]
-        if unit.group is None:
-            x[unit.features[0]] = _number(value, f"the value of {name!r}")
+        feature = features[feature_indices(tree, features, [name]).pop()]
+        if feature.group is None:
+            x[feature.positions[0]] = _number(value, f"the value of {name!r}")
         else:
-            x[list(unit.features)] = 0
-            x[unit.features[position(value, unit.group.categories, "category")]] = 1
+            x[list(feature.positions)] = 0
+            x[feature.positions[position(value, feature.group.categories, "category")]] = 1
     return x
 
 

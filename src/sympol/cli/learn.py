@@ -20,7 +20,7 @@ from ..interrupts import interrupts, say
 from ..play import Episodes, play
 from ..runs.metrics import TensorBoard
 from ..runs.run import Run
-from ..training import finish, keep_in
+from ..training import finish, save_into
 from .console import err, out, print_error, print_stopped
 from .summary import format_summary, print_next
 
@@ -71,7 +71,7 @@ def learn(agent: Agent, run: Run, eval_episodes: int, as_json: bool, *, tensorbo
     try:
         with _ask_to_stop(has_begun, saved.words) as asked:
             if agent.num_timesteps < agent.config.total_timesteps:
-                agent.learn(callback=[still_wanted, keep_in(run), watch])
+                agent.learn(callback=[still_wanted, save_into(run), watch])
         if asked.is_set():
             raise KeyboardInterrupt
         seconds = time.perf_counter() - began

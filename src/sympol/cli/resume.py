@@ -49,7 +49,7 @@ def continue_run(run: Run, eval_episodes: int | None, as_json: bool) -> int:
         RunError: The run cannot be resumed.
     """
     from ..runs.metrics import SetAside
-    from ..training import go_on
+    from ..training import resume_agent
     from .learn import learn, show_result
 
     with run:
@@ -60,7 +60,7 @@ def continue_run(run: Run, eval_episodes: int | None, as_json: bool) -> int:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", DamagedCheckpoint)
             warnings.simplefilter("always", SetAside)
-            agent = go_on(run)
+            agent = resume_agent(run)
         for warning in caught:
             print_warning(warning.message)
         err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")

@@ -1,7 +1,7 @@
 """The protocol of an environment written in JAX.
 
 An environment is a frozen value with two spaces and two pure functions. It never resets itself: it returns
-the true last observation with ``terminated`` and ``truncated`` apart, and `sympol.algorithms.collect` starts the
+the true last observation with ``terminated`` and ``truncated`` apart, and `sympol.algorithms.rollouts` starts the
 next episode. The functions describe ONE environment; whoever needs many maps them with `jax.vmap`.
 """
 

@@ -13,6 +13,7 @@ import json
 import os
 import re
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -82,12 +83,13 @@ def remove_all(folder: Path) -> None:
         folder.rmdir()
 
 
-def load_latest(folder: Path, like: State) -> tuple[State, int]:
+def load_latest(folder: Path, like: State, renamed: Mapping[str, str] | None = None) -> tuple[State, int]:
     """Read the newest checkpoint that is whole; truncated or edited ones are skipped with a warning.
 
     Args:
         folder: The folder of the checkpoints.
         like: A pytree of arrays, or of their shapes, of the form of the state.
+        renamed: The names of arrays in earlier checkpoints, by the name of today; what is left of them is ignored.
 
     Returns:
         The state, and its environment steps.
@@ -100,7 +102,7 @@ def load_latest(folder: Path, like: State) -> tuple[State, int]:
     problems = []
     for seal in reversed(_seals(folder)):
         try:
-            state, timestep = _load(seal, like)
+            state, timestep = _load(seal, like, renamed or {})
         except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
             problems.append(f"{seal.with_suffix('.safetensors').name}: {error}")
             continue
@@ -148,7 +150,7 @@ def _read_seal(path: Path) -> tuple[int, str]:
     return timestep, checksum
 
 
-def _load(seal_path: Path, like: State) -> tuple[State, int]:
+def _load(seal_path: Path, like: State, renamed: Mapping[str, str]) -> tuple[State, int]:
     import jax
     from safetensors.numpy import load as load_tensors
 
@@ -162,12 +164,12 @@ def _load(seal_path: Path, like: State) -> tuple[State, int]:
     leaves = []
     for path, leaf in named:
         name = jax.tree_util.keystr(path)
-        saved = tensors.pop(name)
+        saved = tensors.pop(name if name in tensors else renamed.get(name, name))
         if saved.shape != leaf.shape or saved.dtype != leaf.dtype:
             raise ValueError(f"{name} is {saved.dtype}{saved.shape}, expected {leaf.dtype}{leaf.shape}")
         leaves.append(saved)
-    if tensors:
-        raise ValueError(f"unexpected arrays {sorted(tensors)}")
+    if unexpected := sorted(tensors.keys() - set(renamed.values())):
+        raise ValueError(f"unexpected arrays {unexpected}")
     return jax.tree.unflatten(jax.tree.structure(like), leaves), timestep
 
 

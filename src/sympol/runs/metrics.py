@@ -1,6 +1,7 @@
-"""What happened during training, a row a validation: a CSV file, and TensorBoard where it is asked for.
+"""The metrics of a training: a CSV file with one row per validation, and TensorBoard.
 
-The names are stable-baselines3's.
+The names are stable-baselines3's. Nothing here knows which metrics there are: a column is a metric if its name has a
+slash, such as ``train/value_loss``, and a new metric is a new column.
 """
 
 from __future__ import annotations
@@ -17,34 +18,33 @@ from typing import Any, NamedTuple
 
 from .. import files
 
-COLUMNS = (
-    "time/total_timesteps",
-    "time/time_elapsed",
-    "time/fps",
-    "rollout/ep_rew_mean",
-    "rollout/ep_len_mean",
-    "eval/mean_reward",
-    "train/policy_gradient_loss",
-    "train/value_loss",
-    "train/entropy",
-    "train/approx_kl",
-    "train/clip_fraction",
-)
-STEP = COLUMNS[0]
+STEP = "time/total_timesteps"
+"""The column that orders the rows: environment steps so far."""
 _SEPARATORS = (",", ";", "\t", "|", " ")
 _NEWLINE = "\r\n"
 _LONGEST_HEADER = 100_000
 
 
 class SetAside(UserWarning):
-    """Lines of a `metrics.csv` that cannot be read, and the file that they are kept in."""
+    """Lines of a `metrics.csv` that cannot be read were moved to another file."""
+
+
+class Metrics(dict[str, float]):
+    """One row by metric; a metric that the row does not have is NaN."""
+
+    def __missing__(self, name: str) -> float:
+        """Return NaN."""
+        return math.nan
 
 
 class MetricsFile:
-    """A CSV of one row a validation; every row is in the file when `append` returns.
+    """A CSV file with one row per validation; each row is in the file when `append` returns.
 
     It is read by the names in its header, so that a file that was edited, or saved by a spreadsheet, is understood:
-    columns may be missing, added or in another order, values separated by semicolons or tabs.
+    columns may be missing, added or in another order, and values separated by semicolons or tabs.
+
+    Args:
+        path: The file; it need not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -53,24 +53,26 @@ class MetricsFile:
     def append(self, metrics: Mapping[str, float]) -> None:
         """Write one row.
 
+        Args:
+            metrics: Values by name, `STEP` among them. Names that the file does not have yet become new columns.
+
         Raises:
-            OSError: it cannot be written.
+            OSError: The file cannot be written.
         """
-        row = [f"{metrics[name]:.6g}" if name != STEP else str(metrics[name]) for name in COLUMNS]
         header, ends_with_line = self._ends()
-        if header and header[: len(COLUMNS)] != [*COLUMNS]:
-            self.forget_after(math.inf)  # somebody else has rewritten it; from here on its columns are ours
+        if header and not metrics.keys() <= set(header):
+            self._rewrite(math.inf, more=metrics)
             header, ends_with_line = self._ends()
-        lines = [row + [""] * (len(header) - len(COLUMNS))] if header else [[*COLUMNS], row]
+        texts = {name: str(value) if name == STEP else f"{value:.6g}" for name, value in metrics.items()}
+        names = header or list(metrics)
+        lines = [*([] if header else [names]), [texts.get(name, "") for name in names]]
         files.append(self._path, ("" if ends_with_line else _NEWLINE) + "".join(map(_line, lines)))
 
-    def read(self) -> list[dict[str, float]]:
-        """All rows but one that a kill cut short; what a row lacks is NaN.
-
-        Lines that cannot be read are left out, with a warning.
+    def read(self) -> list[Metrics]:
+        """Return all rows but one that a kill cut short. Lines that cannot be read are left out, with a warning.
 
         Raises:
-            ValueError: the file cannot be read.
+            ValueError: The file cannot be read.
         """
         try:
             table = _Table.of(self._content())
@@ -81,13 +83,20 @@ class MetricsFile:
         return [row.values for row in table.rows]
 
     def forget_after(self, timestep: float) -> None:
-        """Drop the rows beyond a checkpoint that training resumes from, and write the others in our columns.
+        """Drop the rows after a checkpoint that training resumes from.
 
-        Lines that cannot be read are moved to a file beside it, with a warning that names it.
+        Lines that cannot be read are moved to a file beside this one, with a warning that names it.
+
+        Args:
+            timestep: The timestep of the checkpoint.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: The file cannot be written.
         """
+        self._rewrite(timestep)
+
+    def _rewrite(self, timestep: float, more: Iterable[str] = ()) -> None:
+        """Write the rows up to a timestep, with more columns."""
         try:
             content = self._content()
         except ValueError as error:
@@ -105,7 +114,7 @@ class MetricsFile:
         if not kept:
             self._path.unlink(missing_ok=True)
             return
-        new = "".join(table.lines(kept)).encode(errors="surrogateescape")
+        new = "".join(table.lines(kept, more)).encode(errors="surrogateescape")
         if new != content:
             files.write(self._path, new)
 
@@ -116,7 +125,7 @@ class MetricsFile:
             return b""
 
     def _ends(self) -> tuple[list[str], bool]:
-        """The names in the header, and whether the last line is complete."""
+        """Return the names in the header if commas separate them, and whether the last line is complete."""
         if not self._path.exists() or not self._path.stat().st_size:
             return [], True
         with open(self._path, "rb") as file:
@@ -125,33 +134,38 @@ class MetricsFile:
             return _cells(header.strip(), ",") or [""], file.read(1) == b"\n"
 
     def _free_name(self) -> Path:
-        """Of a file beside it that is not there yet."""
+        """Return the name of a file beside this one that does not exist yet."""
         names = (f"{self._path.stem}.unread{f'-{n}' if n > 1 else ''}.csv" for n in itertools.count(1))
         return next(path for name in names if not os.path.lexists(path := self._path.with_name(name)))
 
-    def _warn(self, words: str) -> None:
-        warnings.warn(f"{self._path}: {words}", SetAside, stacklevel=3)
+    def _warn(self, message: str) -> None:
+        warnings.warn(f"{self._path}: {message}", SetAside, stacklevel=4)
 
 
 class _Row(NamedTuple):
+    """One line: its text, its cells by column with decimal points, and its metrics."""
+
     text: str
     cells: Mapping[str, str]
-    """By the names in the header; numbers with a decimal point."""
-    values: dict[str, float]
-    """Of all `COLUMNS`."""
+    values: Metrics
 
 
 class _Table(NamedTuple):
-    """What a file holds."""
+    """What a file holds.
+
+    Attributes:
+        header: The names of the columns.
+        has_commas: Whether commas separate the values.
+        rows: The lines that can be read.
+        torn: The last line, where it can be read but does not end: a kill may have cut its last number short.
+        unread: The lines that cannot be read; all of them where the header cannot.
+    """
 
     header: list[str]
-    is_ours: bool
-    """Whether its first columns are `COLUMNS`, separated by commas."""
+    has_commas: bool
     rows: list[_Row]
     torn: _Row | None
-    """The last line, where it can be read but does not end: a kill may have cut its last number short."""
     unread: list[str]
-    """Lines that cannot be read; where the header cannot, all of them."""
 
     @classmethod
     def of(cls, content: bytes) -> _Table:
@@ -159,33 +173,32 @@ class _Table(NamedTuple):
         *lines, last = (line.rstrip("\r") for line in text.split("\n"))
         header, separator = _header(next((line for line in [*lines, last] if line.strip()), ""))
         if not header:
-            is_begun = ",".join(COLUMNS).startswith(text.strip())  # a kill cut the first line short
+            is_begun = not lines and STEP.startswith(last)  # a kill cut the first line short
             return cls([], False, [], None, [] if is_begun else [line for line in [*lines, last] if line])
-        found = [(line, _row(line, header, separator)) for line in lines if line.strip()][1:]
+        read = [(line, _row(line, header, separator)) for line in lines if line.strip()][1:]
         return cls(
             header,
-            separator == "," and header[: len(COLUMNS)] == [*COLUMNS],
-            [row for _, row in found if row is not None],
+            separator == ",",
+            [row for _, row in read if row is not None],
             _row(last, header, separator) if lines else None,
-            [line for line, row in found if row is None],
+            [line for line, row in read if row is None],
         )
 
-    def lines(self, rows: Iterable[_Row]) -> Iterator[str]:
-        """The file that has these rows: as they were written, or in our columns and then those that others added."""
-        if self.is_ours:
-            yield _line(self.header)
-            yield from (f"{row.text}{_NEWLINE}" for row in rows)
-            return
-        names = [*COLUMNS, *(name for name in self.header if name not in COLUMNS)]
+    def lines(self, rows: Iterable[_Row], more: Iterable[str]) -> Iterator[str]:
+        """Yield a file with these rows, as they were written where neither columns nor separators change."""
+        names = [*self.header, *(name for name in more if name not in self.header)]
         yield _line(names)
         for row in rows:
+            if self.has_commas and len(names) == len(self.header):
+                yield f"{row.text}{_NEWLINE}"
+                continue
             step = row.values[STEP]
             cells = {**row.cells, STEP: str(int(step)) if step.is_integer() else repr(step)}
-            yield _line([cells.get(name) or ("nan" if name in COLUMNS else "") for name in names])
+            yield _line([cells.get(name, "") for name in names])
 
 
 def _header(line: str) -> tuple[list[str], str]:
-    """The names in a first line and what separates them; nothing where it does not tell the columns apart."""
+    """Return the names in a first line and what separates them; no names where it does not tell the columns apart."""
     for separator in _SEPARATORS:
         names = _cells(line, separator)
         if STEP in names and len(set(names)) == len(names):
@@ -194,15 +207,16 @@ def _header(line: str) -> tuple[list[str], str]:
 
 
 def _row(line: str, header: list[str], separator: str) -> _Row | None:
-    """A row; None where it has fewer values than the header names, more of them, or one that is no number."""
+    """Return a row; None for fewer or more values than the header has names, or a metric that is not a number."""
     texts = _cells(line, separator)
     if len(texts) < len(header) or any(texts[len(header) :]):
         return None
     cells = dict(zip(header, texts, strict=False))
+    metrics = [name for name in header if "/" in name]
     if separator != ",":  # where numbers have a decimal comma, values are separated by something else
-        cells |= {name: text.replace(",", ".") for name, text in cells.items() if name in COLUMNS}
+        cells |= {name: cells[name].replace(",", ".") for name in metrics}
     try:
-        values = {name: float(cells.get(name) or math.nan) for name in COLUMNS}
+        values = Metrics({name: float(cells[name] or math.nan) for name in metrics})
     except ValueError:
         return None
     return _Row(line, cells, values) if 0 <= values[STEP] < math.inf else None
@@ -226,14 +240,25 @@ def _count(lines: list[str]) -> str:
 
 
 class TensorBoard:
-    """The same numbers as TensorBoard scalars."""
+    """The same numbers as TensorBoard scalars.
+
+    Args:
+        folder: Where the event file is written.
+
+    Raises:
+        ImportError: tensorboardX is not installed.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._writer: Any = self.require()(str(folder))
 
     @staticmethod
     def require() -> Any:
-        """The writer's class. Raises ImportError where it is not installed."""
+        """Return the class of the writer.
+
+        Raises:
+            ImportError: tensorboardX is not installed.
+        """
         try:
             from tensorboardX import SummaryWriter
         except ImportError as error:
@@ -244,11 +269,11 @@ class TensorBoard:
 
     def append(self, metrics: Mapping[str, float]) -> None:
         """Write one point of every curve."""
-        step = int(metrics[STEP])
-        for name in COLUMNS[1:]:
-            self._writer.add_scalar(name, metrics[name], step)
+        for name, value in metrics.items():
+            if name != STEP:
+                self._writer.add_scalar(name, value, int(metrics[STEP]))
         self._writer.flush()
 
     def close(self) -> None:
-        """Flush and close."""
+        """Write what is left, and close the file."""
         self._writer.close()

@@ -337,11 +337,14 @@ class Run:
         with self.writing():
             save(self.path / "checkpoints", state, int(state.timestep))
 
-    def load_checkpoint(self, template: TrainState) -> TrainState | None:
+    def load_checkpoint(
+        self, template: TrainState, renamed: Mapping[str, str] | None = None
+    ) -> TrainState | None:
         """Return the newest checkpoint that is whole, or None where none was saved yet.
 
         Args:
             template: A state with arrays, or their shapes, of the same form.
+            renamed: The names of arrays in earlier checkpoints, by the name of today.
 
         Raises:
             RunError: Another version of sympol made the run, or all checkpoints are damaged.
@@ -355,7 +358,7 @@ class Run:
         if not has_checkpoints(folder):
             return None
         try:
-            return load_latest(folder, template)[0]
+            return load_latest(folder, template, renamed)[0]
         except CheckpointError as error:
             raise RunError(f"{error}; train anew with --overwrite, or into another --run-dir") from error
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..algorithms.config import Config
 from ..algorithms.state import TrainState
-from ..algorithms.train import stops
+from ..algorithms.trainer import stops
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
 from .evaluators.base import make_evaluator

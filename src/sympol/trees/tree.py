@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
-    from .counterfactual import Norm
-    from .explain import Explanation
+    from .explain import Explanation, Norm
     from .verify.properties import PropertyLike, Verdict
 
 

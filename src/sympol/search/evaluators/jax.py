@@ -18,7 +18,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Float32, Int, UInt32
 from numpy import ndarray
 
-from ...algorithms.trainer import COMPILER_OPTIONS
+from ...algorithms.compiled import COMPILER_OPTIONS
 from ...compilation import require_no_fork
 from ...envs.env import MAX_EPISODE_STEPS, Env
 from ...envs.spec import EnvSpec

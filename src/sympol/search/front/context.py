@@ -12,7 +12,7 @@ import numpy as np
 from ...agents import PPO, Agent, Callback, Report
 from ...envs.spec import EnvSpec
 from ...runs.run import Run
-from ...training import finish, go_on, has_run, keep_in
+from ...training import finish, has_run, resume_agent, save_into
 from ...trees import DecisionTree
 from ..evaluators.base import make_evaluator
 from ..evolve import Budget
@@ -52,7 +52,7 @@ def train_policy(
     began = time.perf_counter()
     if has_run(folder):
         run = Run.open(folder)
-        agent = go_on(run)
+        agent = resume_agent(run)
     else:
         agent = PPO(policy, context.spec, seed=context.seed, **options)
         if share.steps < agent.config.total_timesteps:
@@ -62,7 +62,7 @@ def train_policy(
     def in_time(report: Report) -> bool:
         return time.perf_counter() - began < share.seconds
 
-    callbacks: list[Callback] = [keep_in(run), in_time]
+    callbacks: list[Callback] = [save_into(run), in_time]
     with run:
         if agent.num_timesteps < agent.config.total_timesteps:
             agent.learn(callback=callbacks, progress_bar=False)

@@ -1,4 +1,4 @@
-"""What PPO and A2C share: from a rollout to samples with advantages, and the schedules of their coefficients."""
+"""What on-policy algorithms share: samples with advantages out of a rollout, and the schedules of coefficients."""
 
 from __future__ import annotations
 
@@ -12,13 +12,22 @@ from jaxtyping import Float, Int
 from ..functional.advantages import fold_bootstrap, gae
 from ..policies.distributions import Distribution
 from ..types import Action, Transition
+from .algorithm import Experience
 from .config import Config, Hyperparameters
-from .optimizer import Networks
+from .optim import Networks
 from .state import TrainState
 
 
 class Batch(NamedTuple):
-    """What the loss needs of each sample."""
+    """Samples of one rollout, flat.
+
+    Attributes:
+        x: Scaled observations.
+        action: The actions as they were sampled.
+        log_prob: Their log-probabilities under the policy that collected them.
+        advantage: Generalized advantage estimates.
+        value_target: Advantages plus values, which the critic learns.
+    """
 
     x: Float[Array, "batch features"]
     action: Action
@@ -30,19 +39,14 @@ class Batch(NamedTuple):
 def coefficients(
     config: Config, hyper: Hyperparameters, state: TrainState
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The weight of the entropy bonus and the factor of the learning rates, now."""
+    """Return the weight of the entropy bonus and the factor of all learning rates at this point of the training."""
     progress = state.timestep.astype(jnp.float32) / config.total_timesteps
     rate = _linear(progress, hyper.lr_end_factor) * state.validation.lr_factor
     return hyper.ent_coef * _linear(progress, hyper.ent_end_factor), rate
 
 
-def divide(total: Any, count: Int[Array, ""]) -> Any:
-    """Sums to means."""
-    return jax.tree.map(lambda a: a / count.astype(jnp.float32), total)
-
-
 def _linear(progress: Float[Array, ""], end_factor: Float[Array, ""]) -> Float[Array, ""]:
-    """From 1 to ``end_factor`` as progress goes from 0 to 1."""
+    """Interpolate between 1 and ``end_factor`` as progress goes from 0 to 1."""
     return 1 + (end_factor - 1) * jnp.clip(progress, 0, 1)
 
 
@@ -51,14 +55,21 @@ def make_batch(
     distribution: Distribution,
     hyper: Hyperparameters,
     networks: Networks,
-    rollout: Transition,
-    next_x: Float[Array, "envs features"],
-    num_chunks: Int[Array, ""],
+    experience: Experience,
 ) -> Batch:
-    """Values, log-probabilities and advantages of the whole rollout, chunk by chunk from its end.
+    """Compute values, log-probabilities and advantages of a rollout, chunk by chunk from its end.
 
-    Rows beyond ``num_chunks`` chunks hold nothing of use.
+    Args:
+        config: The configuration.
+        distribution: The distribution that the actor parametrizes.
+        hyper: The traced hyperparameters.
+        networks: The networks that collected the rollout.
+        experience: The rollout.
+
+    Returns:
+        One row for each sample of the buffer; rows beyond the valid chunks mean nothing.
     """
+    rollout, next_x, num_chunks = experience.rollout, experience.next_x, experience.num_chunks
     max_chunks, chunk_steps, num_envs = rollout.reward.shape
     policy, log_std = networks.actor.rollout(), networks.actor.log_std
 

@@ -1,11 +1,11 @@
-"""The first chunk of a training that starts from a tree: features get a scale, and splits that only fill up a place.
+"""Initialization from data: the first chunk of experience places the thresholds of a tree.
 
-(That of a training that starts at random is `spread`, if its splits are to begin where its observations are.)
+`init_from_tree` is for a training that starts from a tree, which acts on raw observations until then. The scale of the
+features must not move an observation across a threshold of that tree, not even the float next to it. So scales are
+powers of two here, which round nothing, and shifts are multiples of them. Where a threshold and the float above it
+would still become equal (a shift rounds, and small numbers underflow), the feature has no shift, or no scale either.
 
-Until then the tree acts on raw observations. A scale must not move an observation across a threshold of the tree, be it
-the float beside it. So scales are powers of two here, which round nothing, and shifts are multiples of them; and where
-a threshold and the float above it would still become one (a shift rounds, and small numbers underflow), the feature
-goes without the shift, or without either.
+`init_thresholds` is for a training that starts at random with ``threshold_init="visited"``.
 """
 
 from __future__ import annotations
@@ -21,21 +21,28 @@ from jaxtyping import Bool, Float, Int, PRNGKeyArray
 from ..functional import select
 from ..policies.tree import Tree
 from ..types import Transition
-from .init import refit_normalizer
+from .normalization import refit_normalizer
 from .state import Normalizer, TrainState
 
 LARGEST_EXPONENT = 126
-"""Of a scale: a feature whose spread is beyond that keeps some of it."""
+"""The largest exponent of a scale; a feature with a larger spread keeps some of it."""
 
 _SMALLEST_NORMAL = float(np.finfo(np.float32).smallest_normal)
 
 
-def settle(
+def init_from_tree(
     scaling: tuple[Normalizer, np.ndarray], state: TrainState, rollout: Transition, key: PRNGKeyArray
 ) -> TrainState:
-    """Scale the features by the first chunk, exactly, and put the other thresholds where its observations are.
+    """Scale the features exactly, and place the thresholds of padding splits among the observations.
 
-    ``scaling`` is what `normalizer_of` gives. The tree acts afterwards as it did before.
+    Args:
+        scaling: What `initial_normalizer` returned.
+        state: The state of a training that starts from a tree and has a raw normalizer.
+        rollout: The first rollout, unscaled.
+        key: The key to draw the observations with.
+
+    Returns:
+        The state. Its tree acts as before on every observation.
     """
     actor: Any = state.networks.actor
     assert isinstance(actor, Tree)
@@ -49,12 +56,19 @@ def settle(
     return _with_thresholds(state, normalizer, thresholds)
 
 
-def spread(
+def init_thresholds(
     scaling: tuple[Normalizer, np.ndarray], state: TrainState, rollout: Transition, key: PRNGKeyArray
 ) -> TrainState:
-    """Scale the features by the first chunk, and put all thresholds where its observations are.
+    """Scale the features, and place all thresholds among the observations. Nodes keep the features they test.
 
-    ``scaling`` is what `normalizer_of` gives, by which the rollout is scaled. Nodes keep the features they look at.
+    Args:
+        scaling: What `initial_normalizer` returned.
+        state: The state of a new training.
+        rollout: The first rollout, scaled by ``scaling``.
+        key: The key to draw the observations with.
+
+    Returns:
+        The state with another normalizer and other thresholds.
     """
     actor: Any = state.networks.actor
     assert isinstance(actor, Tree)
@@ -70,7 +84,7 @@ def _with_thresholds(
     state: TrainState, normalizer: Normalizer, thresholds: Float[Array, "nodes features"]
 ) -> TrainState:
     actor: Any = state.networks.actor
-    settled = Tree(
+    initialized = Tree(
         actor.feature_logits,
         thresholds,
         actor.leaf_values,
@@ -79,9 +93,9 @@ def _with_thresholds(
         actor.temperature,
     )
     return state._replace(
-        networks=state.networks._replace(actor=settled),
+        networks=state.networks._replace(actor=initialized),
         normalizer=normalizer,
-        validation=state.validation._replace(best_actor=settled),
+        validation=state.validation._replace(best_actor=initialized),
     )
 
 
@@ -91,9 +105,9 @@ def exact_normalizer(
     threshold: Float[Array, " nodes"],
     kept: Bool[Array, " nodes"],
 ) -> Normalizer:
-    """The nearest normalizer to ``wanted`` that keeps every float32 on its side of the thresholds of ``kept`` nodes.
+    """Return the normalizer nearest to ``wanted`` that keeps every float32 on its side of the thresholds of kept nodes.
 
-    As rounding never changes an order, it is enough that a threshold and the float above it stay two numbers.
+    As rounding never changes an order, it is enough that a threshold and the float above it stay different.
     """
     exponent = jnp.clip(jnp.round(jnp.log2(wanted.scale)), -LARGEST_EXPONENT, LARGEST_EXPONENT)
     scale, step = _power_of_two(exponent), _power_of_two(-exponent)
@@ -117,12 +131,12 @@ def exact_normalizer(
 def normalize_at(
     normalizer: Normalizer, feature: Int[Array, " nodes"], raw: Float[Array, " nodes"]
 ) -> Float[Array, " nodes"]:
-    """Numbers of these features, scaled."""
+    """Scale one number of the feature of each node."""
     return (raw - normalizer.shift[feature]) * normalizer.scale[feature]
 
 
 def next_float(x: Float[Array, " n"]) -> Float[Array, " n"]:
-    """The next larger float32; those that are subnormal are one with zero."""
+    """Return the next larger float32, where subnormal numbers count as zero."""
     up = jnp.nextafter(x, jnp.full_like(x, jnp.inf))
     return jnp.where(x == 0, _SMALLEST_NORMAL, jnp.where(jnp.abs(up) < _SMALLEST_NORMAL, 0.0, up))
 
@@ -134,10 +148,17 @@ def thresholds_among(
     kept: Bool[Array, " nodes"],
     key: PRNGKeyArray,
 ) -> Float[Array, "nodes features"]:
-    """A threshold for each node and feature, halfway between two random observations that come by the node.
+    """Draw a threshold for each node and feature, halfway between two random observations that reach the node.
 
-    ``kept`` nodes have theirs already, for the feature that they look at. Where nobody comes by, any two
-    observations will do.
+    Args:
+        x: Scaled observations.
+        feature: The feature that each node tests.
+        threshold: The threshold of each node.
+        kept: The nodes that keep their threshold for the feature they test.
+        key: The key to draw the observations with.
+
+    Returns:
+        The thresholds. A node that no observation reaches has one halfway between any two.
     """
     num_nodes, batch = feature.shape[0], x.shape[0]
     order_key, any_key = jax.random.split(key)
@@ -166,6 +187,6 @@ def thresholds_among(
 
 
 def _power_of_two(exponent: Float[Array, " n"]) -> Float[Array, " n"]:
-    """2^exponent to the bit, which ``exp2`` does not promise."""
+    """Return 2^exponent, exact to the bit, which ``exp2`` does not promise."""
     bits = (exponent.astype(jnp.int32) + 127) << 23
     return jax.lax.bitcast_convert_type(bits, jnp.float32)

@@ -1,9 +1,4 @@
-"""Explanations of single decisions: why a tree acts as it does, and what would change its action.
-
-Three answers, each exact: the path through the tree, as one sentence; the smallest part of the observation that
-forces the action (`sympol.trees.sufficient_reason`); and for every other action the nearest observation that gets it
-(`sympol.trees.counterfactual`).
-"""
+"""Explanations of single decisions: the path through the tree, the reason, and the counterfactuals."""
 
 from __future__ import annotations
 
@@ -13,11 +8,11 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from .base import BaseTree
+from ..base import BaseTree
+from ..text import leaf_conditions, leaf_words
 from .counterfactual import Counterfactual, Norm, counterfactuals
-from .explanation_features import local_neighborhood
+from .neighborhood import neighborhood_of
 from .sufficient_reason import Reason, smallest_reason
-from .text import leaf_conditions, leaf_words
 
 if TYPE_CHECKING:
     from jaxtyping import Float32
@@ -27,34 +22,35 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The explanation of one decision: its path, its smallest reason, and its counterfactuals."""
+    """Why a tree takes an action in an observation, and what would make it take another.
+
+    Args:
+        observation: The observation, as the tree sees it: float32, subnormal numbers zero.
+        action: The action, as `DecisionTree.predict` returns it.
+        answer: The action in words.
+        leaf: The leaf in which the observation ends.
+        sentence: The path through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``
+        reason: The fewest features that force the action.
+        counterfactuals: The nearest observation for every other action, the nearest first.
+    """
 
     observation: Float32[np.ndarray, " features"]
-    """The observation as the tree sees it: float32, subnormal numbers zero."""
     action: np.ndarray
-    """As `DecisionTree.predict` returns it."""
     answer: str
-    """The action in words."""
     leaf: int
-    """The number of the leaf that is reached."""
     sentence: str
-    """The path through the tree: ``push left, because pole angle ≤ 0.1 and front is lava.``"""
     reason: Reason
-    """The smallest sufficient reason."""
     counterfactuals: tuple[Counterfactual, ...]
-    """One for every other action, the nearest first."""
 
     @property
     def reason_sentence(self) -> str:
         """The reason, as a sentence."""
-        if not self.reason.units:
+        if not self.reason.features:
             return f"Nothing is needed for {self.answer}: no observation gets another action."
-        return (
-            f"{self.reason.words} {'alone forces' if len(self.reason.units) == 1 else 'together force'} it."
-        )
+        return f"{self.reason.words} {'alone forces' if len(self.reason.features) == 1 else 'together force'} it."
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain JSON; infinite distances become null.
+        """Return the explanation as plain JSON.
 
         Returns:
             A dictionary that `json.dumps` accepts; infinite distances are None.
@@ -79,7 +75,7 @@ class Explanation:
         }
 
     def __str__(self) -> str:
-        """Return everything for people, one line for each sentence."""
+        """Return the sentences, one a line."""
         other = [f"{one.words}." for one in self.counterfactuals]
         return "\n".join([self.sentence, self.reason_sentence, *other])
 
@@ -96,30 +92,30 @@ def explain(
 
     Args:
         tree: The policy.
-        observation: One observation, [features]; finite.
+        observation: The observation [features]; finite.
         immutable: Features and groups that no counterfactual may change, by name or position.
-        norm: The distance between observations: ``"l1"``, ``"l0"`` or ``"linf"``.
-        scale: What counts as a change by 1, for features and groups, by name or position; 1 where it is not given.
+        norm: The measure of distance: ``"l1"``, ``"l0"`` or ``"linf"``.
+        scale: The change that counts as 1 for features and groups, by name or position; 1 by default.
 
     Returns:
         The path, the smallest sufficient reason, and the counterfactuals.
 
     Raises:
-        ValueError: If the observation does not fit the tree or is not finite, a feature does not exist, a scale is
-            not positive, or the norm is another one.
+        ValueError: If the observation has another shape or is not finite, a feature does not exist, a scale is not
+            positive and finite, or the norm is unknown.
         TypeError: If the observation does not hold numbers.
     """
-    here = local_neighborhood(tree, observation)
-    here.x.setflags(write=False)
-    known = next(known for leaf, known in leaf_conditions(tree) if leaf == here.leaf)
-    answer = ", ".join(leaf_words(tree, here.leaf))
-    way = " and ".join(condition.words() for condition in known.values())
+    near = neighborhood_of(tree, observation)
+    near.x.setflags(write=False)
+    known = next(known for leaf, known in leaf_conditions(tree) if leaf == near.leaf)
+    answer = ", ".join(leaf_words(tree, near.leaf))
+    path = " and ".join(condition.words() for condition in known.values())
     return Explanation(
-        observation=here.x,
-        action=tree.leaf_actions[here.leaf],
+        observation=near.x,
+        action=tree.leaf_actions[near.leaf],
         answer=answer,
-        leaf=here.leaf,
-        sentence=f"{answer}, because {way}." if way else f"{answer}, always.",
-        reason=smallest_reason(tree, here),
-        counterfactuals=counterfactuals(tree, here, immutable=immutable, norm=norm, scale=scale),
+        leaf=near.leaf,
+        sentence=f"{answer}, because {path}." if path else f"{answer}, always.",
+        reason=smallest_reason(tree, near),
+        counterfactuals=counterfactuals(tree, near, immutable=immutable, norm=norm, scale=scale),
     )
