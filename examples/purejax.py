@@ -11,7 +11,7 @@ import numpy as np
 import optax
 
 import sympol
-from sympol.envs.cartpole import CartPole
+from sympol.envs.classic.cartpole import CartPole
 from sympol.functional import hard_tree, select
 from sympol.trees import DecisionTree, DiscreteActions
 

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 import sympol
 from sympol.agents import Report
 from sympol.algorithms.config import ConfigError
-from sympol.envs.host import EnvironmentFailure
+from sympol.envs.adapters.gymnasium import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment
 from sympol.runs.metadata import RunError
 from sympol.trees import BoxActions, DiscreteActions, MultiDiscreteActions

@@ -170,6 +170,34 @@ def test_outputs_are_the_way_from_a_leaf_to_numbers(file):
     assert not found, f"{found}: call tree.outputs(X), or read tree.leaf_outputs or tree.leaf_actions"
 
 
+KNOWS_WORLDS = {"envs", "presets", "bench"}
+"""Rooms that may know an environment by name; all others ask it for what it can do."""
+WORLDS_LEFT = {"report/episodes.py", "search/front/gallery.py", "search/front/references.py"}
+"""Modules that still list environments by name; this set only shrinks."""
+WORLD = re.compile(r"LunarLander|MiniGrid|CartPole|Acrobot|Pendulum|MountainCar|DistShift")
+
+
+def _code_strings(file: Path) -> set[str]:
+    """Return the string literals of a module that are neither docstrings nor sentences (examples, messages, help)."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    prose = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    prose |= {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    constants = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in prose)
+    return {node.value for node in constants if isinstance(node.value, str) and " " not in node.value}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(ROOT)))
+def test_no_module_knows_an_environment_by_name(file):
+    if room(module_of(file)) in KNOWS_WORLDS or str(file.relative_to(ROOT)) in WORLDS_LEFT:
+        return
+    worlds = ("sympol.envs.classic", "sympol.envs.minigrid", "sympol.envs.lunar_lander")
+    bad = {name for name in imported(file) if name.startswith(worlds)}
+    bad |= {text for text in _code_strings(file) if WORLD.search(text)}
+    assert not bad, (
+        f"{bad}: ask the environment for a capability, or put what is tuned for it into its preset file"
+    )
+
+
 def test_the_test_sees_relative_and_absolute_imports():
     assert "sympol.trees" in imported(ROOT / "policies" / "extract.py")
     assert "sympol.functional.float32_order" in imported(ROOT / "policies" / "extract.py")

@@ -467,7 +467,7 @@ HOSTILE = (
 def test_a_name_stays_a_name_everywhere(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sympol.envs.registry._ENTRIES", {**sympol.envs.registry._ENTRIES})
-    from sympol.envs.cartpole import CartPole
+    from sympol.envs.classic.cartpole import CartPole
 
     actions = ("[bold]go[/]", "');import os#")
     sympol.register("CartPole-v1", CartPole(), feature_names=HOSTILE, action_names=actions)

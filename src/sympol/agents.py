@@ -24,7 +24,7 @@ from .algorithms.state import RENAMED, TrainState
 from .algorithms.trainer import Trainer, make_trainer, stops
 from .algorithms.warm_start import Start, start_of
 from .compilation import use_disk_cache
-from .envs.doubts import warn_of_cut
+from .envs.diagnostics import warn_of_cut
 from .envs.registry import resolve
 from .envs.spec import Backend, EnvSpec, warn_of_one_copy
 from .play import draw, fitted_actions

@@ -12,9 +12,9 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
+from .envs.adapters.gymnasium import advance, begin
 from .envs.copies import open_copies
-from .envs.doubts import warn_of_cut, warn_of_same_episodes
-from .envs.host import advance, begin
+from .envs.diagnostics import warn_of_cut, warn_of_same_episodes
 from .envs.registry import resolve
 from .envs.spec import EnvSpec
 from .play import (

@@ -10,10 +10,10 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checka
 import gymnasium
 import numpy as np
 
+from .envs.adapters.gymnasium import advance, begin
 from .envs.copies import open_copies
-from .envs.doubts import warn_of_cut, warn_of_same_episodes
+from .envs.diagnostics import warn_of_cut, warn_of_same_episodes
 from .envs.env import MAX_EPISODE_STEPS
-from .envs.host import advance, begin
 from .envs.spec import EnvSpec
 from .trees import DecisionTree
 from .trees.actions import ActionSpec, BoxActions

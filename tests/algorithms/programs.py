@@ -15,7 +15,7 @@ from sympol.algorithms.loop import Loop, Segment
 from sympol.algorithms.registry import algorithm_class
 from sympol.algorithms.state import TrainState
 from sympol.algorithms.trainer import make_loop
-from sympol.envs.cartpole import CartPole
+from sympol.envs.classic.cartpole import CartPole
 
 CARTPOLE = CartPole(max_episode_steps=11)
 CONFIG = Config(

@@ -6,7 +6,7 @@ from importlib.resources import files
 import pytest
 
 from sympol.algorithms.config import KNOBS, Config, ConfigError
-from sympol.algorithms.presets import ANY, preset, presets_of
+from sympol.algorithms.presets import ANY, preset, presets_of, search_defaults
 from sympol.algorithms.registry import ALGORITHMS
 
 ENVIRONMENTS = sorted(
@@ -38,10 +38,18 @@ PRESETS = [
     pytest.param(env, algorithm, policy, name, values, id=f"{env}-{algorithm}-{policy}-{name}")
     for env in ENVIRONMENTS
     for algorithm, policies in sections(env).items()
+    if algorithm != "search"
     for policy, named in policies.items()
     for name, values in named.items()
 ]
 """Whatever the files hold, also what nobody asks for."""
+
+
+@pytest.mark.parametrize("env", ENVIRONMENTS)
+def test_every_environment_has_defaults_of_the_search(env):
+    defaults, general = search_defaults(env), search_defaults(ANY)
+    assert defaults.keys() == general.keys() == {"minutes", "teachers", "shares"}
+    assert defaults["shares"].keys() == general["shares"].keys()
 
 
 @pytest.mark.parametrize(("env", "algorithm", "policy", "name", "values"), PRESETS)

@@ -15,7 +15,7 @@ from sympol.algorithms.config import Config, Hyperparameters, applies
 from sympol.algorithms.initialization import purpose_key
 from sympol.algorithms.state import TrainState
 from sympol.algorithms.trainer import Trainer, stops
-from sympol.envs.cartpole import CartPole
+from sympol.envs.classic.cartpole import CartPole
 from tests.algorithms.programs import CARTPOLE, CONFIG, segment_of
 
 COMPILED = "/jax/core/compile/backend_compile_duration"

@@ -14,7 +14,7 @@ import pytest
 from sympol.algorithms.config import Config
 from sympol.algorithms.state import PATIENCE, TrainState
 from sympol.algorithms.trainer import make_loop
-from sympol.envs.cartpole import CartPole
+from sympol.envs.classic.cartpole import CartPole
 from sympol.policies.distributions import distribution_of
 from tests.algorithms.programs import CARTPOLE, CONFIG, segment_of
 from tests.algorithms.reference import TREE, Reference

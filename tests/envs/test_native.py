@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from sympol.envs.host import HostEnvs
+from sympol.envs.adapters.gymnasium import HostEnvs
 from sympol.envs.lunar_lander import engine
 from sympol.envs.lunar_lander.engine import IDS as TASKS
 from sympol.envs.lunar_lander.engine import NativeEnvs

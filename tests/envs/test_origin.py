@@ -16,8 +16,8 @@ from gymnasium import wrappers
 import sympol
 from sympol.algorithms.presets import preset
 from sympol.envs import registry
+from sympol.envs.adapters.gymnasium import EnvironmentFailure
 from sympol.envs.equality import are_equal, step_limit
-from sympol.envs.host import EnvironmentFailure
 from sympol.envs.registry import UnknownEnvironment, resolve
 from sympol.envs.spec import OneCopy
 from sympol.play import episode_seed
@@ -25,7 +25,7 @@ from sympol.runs.metadata import RunError
 from sympol.trees import DecisionTree
 
 pytestmark = [  # some are meant to be warned of
-    pytest.mark.filterwarnings("ignore::sympol.envs.doubts.OwnStatistics"),
+    pytest.mark.filterwarnings("ignore::sympol.envs.diagnostics.OwnStatistics"),
     pytest.mark.filterwarnings("ignore::sympol.envs.spec.OneCopy"),
 ]
 TINY: dict[str, Any] = {"depth": 2, "num_steps": 16, "total_timesteps": 128, "num_evals": 1, "seed": 0}

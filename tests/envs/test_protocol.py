@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 from typing import Any
 
 import gymnasium
@@ -10,11 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sympol.envs.acrobot import Acrobot
-from sympol.envs.cartpole import CartPole
+from sympol.envs import env as protocol
+from sympol.envs import registry
+from sympol.envs.classic.acrobot import Acrobot
+from sympol.envs.classic.cartpole import CartPole
+from sympol.envs.classic.mountain_car import MountainCar, MountainCarContinuous
+from sympol.envs.classic.pendulum import Pendulum
 from sympol.envs.env import Env
-from sympol.envs.mountain_car import MountainCar, MountainCarContinuous
-from sympol.envs.pendulum import Pendulum
 
 from .probes import PROBES, ContinuousMatch, Discount, MatchObservation, MultiDiscreteMatch, TimeLimit
 
@@ -91,3 +94,9 @@ def test_the_time_limit_probe_is_never_terminated() -> None:
         state, step = env.step(jax.random.key(1), state, jnp.int32(0))
         ends.append((bool(step.terminated), bool(step.truncated)))
     assert ends == [(False, False)] * 4 + [(False, True)]
+
+
+def test_the_example_of_the_protocol_runs(monkeypatch):
+    monkeypatch.setattr(registry, "_ENTRIES", dict(registry._ENTRIES))
+    results = doctest.testmod(protocol)
+    assert (results.failed, results.attempted) == (0, 10)

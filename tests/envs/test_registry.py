@@ -10,7 +10,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from sympol.envs import registry
-from sympol.envs.cartpole import CartPole
+from sympol.envs.classic.cartpole import CartPole
 from sympol.envs.names import NAMES
 from sympol.envs.registry import UnknownEnvironment, register, resolve
 

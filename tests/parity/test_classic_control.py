@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sympol.envs.acrobot import Acrobot, AcrobotState
-from sympol.envs.cartpole import ANGLE_LIMIT, POSITION_LIMIT, CartPole, CartPoleState
+from sympol.envs.classic.acrobot import Acrobot, AcrobotState
+from sympol.envs.classic.cartpole import ANGLE_LIMIT, POSITION_LIMIT, CartPole, CartPoleState
+from sympol.envs.classic.mountain_car import MountainCar, MountainCarContinuous, MountainCarState
+from sympol.envs.classic.pendulum import Pendulum, PendulumState
 from sympol.envs.env import Env
-from sympol.envs.mountain_car import MountainCar, MountainCarContinuous, MountainCarState
-from sympol.envs.pendulum import Pendulum, PendulumState
 
 NUM_STEPS = 100_000  # of each environment
 TOLERANCE = 1e-5  # of each number of an observation, and of the reward, absolute and relative

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sympol.envs.lunar_lander.flights import Flights, engines
+from sympol.envs.lunar_lander.batch import Flights, engines
 from sympol.envs.lunar_lander.shapes import HULL, LEG
 from sympol.envs.registry import resolve
 from sympol.trees.floats import flushed

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sympol.envs.host import EnvironmentFailure
+from sympol.envs.adapters.gymnasium import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.play import WORDS, episode_seed, play

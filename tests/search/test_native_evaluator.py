@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sympol.envs.lunar_lander.flights import Flights, engines
+from sympol.envs.lunar_lander.batch import Flights, engines
 from sympol.envs.registry import resolve
 from sympol.play import episode_seed
 from sympol.search.evaluators.base import make_evaluator

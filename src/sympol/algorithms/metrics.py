@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
-from ..envs.host import EnvironmentFailure, too_large
+from ..envs.adapters.gymnasium import EnvironmentFailure, too_large
 from .state import TrainState
 
 

@@ -20,9 +20,23 @@ ANY = "any"
 
 def presets_of(env_name: str, policy: str = "tree", algorithm: str = "ppo") -> dict[str, dict[str, Any]]:
     """All presets of an environment by name; none for an environment without a file."""
+    return _sections(env_name).get(algorithm, {}).get(policy, {})
+
+
+def search_defaults(env_name: str) -> dict[str, Any]:
+    """Return the defaults of ``sympol pareto`` for an environment, from the section ``[search]`` of its preset file.
+
+    Returns:
+        ``minutes`` (of the whole search), ``teachers`` (how many are trained) and ``shares`` (parts of the budget by
+        method). What the environment's own file leaves out is that of any environment.
+    """
+    return {**_sections(ANY)["search"], **_sections(env_name).get("search", {})}
+
+
+def _sections(env_name: str) -> dict[str, Any]:
+    """Return the content of an environment's preset file, empty where it has none."""
     file = resources.files("sympol") / "presets" / f"{env_name.replace('/', '_')}.toml"
-    sections = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
-    return sections.get(algorithm, {}).get(policy, {})
+    return tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
 
 
 def preset(

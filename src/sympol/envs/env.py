@@ -1,8 +1,41 @@
 """The protocol of an environment written in JAX.
 
-An environment is a frozen value with two spaces and two pure functions. It never resets itself: it returns
-the true last observation with ``terminated`` and ``truncated`` apart, and `sympol.algorithms.rollouts` starts the
-next episode. The functions describe ONE environment; whoever needs many maps them with `jax.vmap`.
+An environment is a frozen value with two spaces and two pure functions. It never resets itself: it returns the true
+last observation with ``terminated`` and ``truncated`` apart, and the training loop starts the next episode. The
+functions describe ONE environment; a caller that needs many maps them with `jax.vmap`.
+
+A complete environment, a walk to the right end of a line:
+
+>>> from dataclasses import dataclass
+>>> from typing import NamedTuple
+>>> import gymnasium, jax, jax.numpy as jnp, numpy as np
+>>> from sympol.types import Step
+>>> class WalkState(NamedTuple):
+...     position: jax.Array
+...     time: jax.Array
+>>> @dataclass(frozen=True)
+... class Walk:
+...     max_episode_steps: int = 50
+...     feature_names = ("position",)
+...     action_names = ("left", "right")
+...     observation_space = gymnasium.spaces.Box(0, 1, (1,), np.float32)
+...     action_space = gymnasium.spaces.Discrete(2)
+...     def reset(self, key):
+...         state = WalkState(jax.random.uniform(key, maxval=0.5), jnp.int32(0))
+...         return state, state.position[None]
+...     def step(self, key, state, action):
+...         position = jnp.clip(state.position + 0.1 * (2 * action - 1), 0, 1)
+...         state = WalkState(position, state.time + 1)
+...         ended = position >= 1
+...         return state, Step(position[None], jnp.where(ended, 1.0, 0.0), ended, state.time >= self.max_episode_steps)
+
+It is trained on as it is, or registered under a name:
+
+>>> import sympol
+>>> sympol.register("Walk-v0", Walk)
+>>> spec = sympol.resolve("Walk-v0")
+>>> spec.backend, spec.features.names, spec.max_episode_steps
+('jax', ('position',), 50)
 """
 
 from __future__ import annotations
@@ -16,7 +49,7 @@ from jaxtyping import Float, PRNGKeyArray
 from ..types import Action, Step
 
 MAX_EPISODE_STEPS = 10_000
-"""Where an episode that is only measured ends, in an environment without a time limit."""
+"""Number of steps after which an episode is cut when a policy is evaluated and there is no time limit."""
 
 State = TypeVar("State", bound=Any)
 
@@ -25,17 +58,23 @@ State = TypeVar("State", bound=Any)
 class Env(Protocol[State]):
     """A pure-JAX environment; any object of this shape can be trained on.
 
-    Where it is resolved, `sympol.envs.jax_env` makes these fit, too: rewards and observations of another dtype,
-    Python's own numbers and bools, and keys of `jax.random` in the state.
+    `sympol.resolve` also accepts rewards and observations of another dtype, Python's own numbers and bools, and keys of
+    `jax.random` in the state; `sympol.envs.adapters.jax_protocol` casts them.
 
     The observation is a flat float32 vector, one number per feature. The action is an int32 scalar in
     ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, and for ``Box`` a float32 array of
     the space's shape, already clipped to its bounds.
 
-    More attributes are read where an environment has them: ``feature_names`` and ``action_names`` (sequences of
-    str, one per feature and per action or action component), ``groups`` (the features that are one-hot together),
-    ``max_episode_steps`` (int, or None for no limit), and ``all_observations()``: all observations there can be
-    ``[batch, features]``, where they can be listed, else None; then the tree is pruned on them.
+    Optional attributes, each read where an environment has it:
+
+    - ``feature_names``, ``action_names``: sequences of str, one per feature, and one per action or action component.
+    - ``groups``: features that are one-hot together, as `sympol.trees.groups.Group`. A group with a ``cell`` is drawn
+      as a cell of a grid that the agent sees.
+    - ``max_episode_steps``: an int, or None for no limit.
+    - ``all_observations()``: all observations there can be ``[batch, features]``, or None where they cannot be
+      listed. Trees are pruned on them.
+    - ``state_graph()``: all states and transitions, a `sympol.envs.capabilities.StateGraph`, or None where they
+      cannot be listed. Policies are then evaluated by looking episodes up.
     """
 
     @property

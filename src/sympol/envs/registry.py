@@ -15,19 +15,19 @@ import gymnasium
 
 from ..trees.groups import Group
 from . import minigrid
-from .acrobot import Acrobot
+from .adapters.gymnasium import EnvironmentFailure, MissingExtra
+from .adapters.jax_protocol import kept_to_protocol, time_limit
 from .capabilities import NativeEngine
-from .cartpole import CartPole
-from .doubts import warn_of_environment
+from .classic.acrobot import Acrobot
+from .classic.cartpole import CartPole
+from .classic.mountain_car import MountainCar, MountainCarContinuous
+from .classic.pendulum import Pendulum
+from .diagnostics import warn_of_environment
 from .env import Env
 from .equality import step_limit
-from .host import EnvironmentFailure, MissingExtra
-from .jax_env import kept_to_protocol, time_limit
 from .lunar_lander import engine as lander
-from .mountain_car import MountainCar, MountainCarContinuous
 from .names import NAMES, known_names
 from .origin import Origin, Wrapping
-from .pendulum import Pendulum
 from .remake import copier, describe, wrap
 from .spaces import Features, action_spec, require_spaces
 from .spec import Backend, EnvSpec, HostFactory, no_copies, not_listed

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..trees.actions import ActionSpec
+from .adapters.gymnasium import HostEnvs
 from .capabilities import NativeEngine, StateGraph, VectorEnvs
 from .env import Env
-from .host import HostEnvs
 from .origin import Origin, Wrapping
 from .spaces import Features
 

@@ -6,9 +6,9 @@ The ground does not move, so that an edge's frame is the world's.
 from __future__ import annotations
 
 from .bodies import CENTROIDS, FARTHEST, NORMALS, NUMBER, SKIN, VERTICES, corner, kind_of, placed, rotated
+from .broadphase import near
 from .layout import CONTACTS, ONE, ZERO, F
 from .machine import compiled
-from .nearness import near
 
 RADIUS = F(2) * SKIN
 RELATIVE, ABSOLUTE = F(0.98), F(0.001)

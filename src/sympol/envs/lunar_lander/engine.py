@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
 from numpy import ndarray
 
 from ...types import Step
+from ..adapters.gymnasium import MissingExtra
 from ..capabilities import TreeArrays
-from ..host import MissingExtra
 
 IDS = ("LunarLander-v3", "LunarLanderContinuous-v3")
 """Environments that do the same as Gymnasium's to the bit (tests/parity/test_lunar_lander.py)."""
@@ -57,7 +57,7 @@ class LunarLanderEngine:
         seeds: UInt64[ndarray, " episodes"],
     ) -> tuple[Float64[ndarray, " episodes"], Int32[ndarray, " episodes"]]:
         """See `NativeEngine.play`."""
-        from .flights import engines, fly
+        from .batch import engines, fly
 
         return fly(trees, engines(actions), tree_of, seeds)
 
@@ -68,7 +68,7 @@ class LunarLanderEngine:
         seeds: UInt64[ndarray, " episodes"],
     ) -> tuple[Float64[ndarray, "trees episodes"], Int32[ndarray, "trees episodes"], int]:
         """See `NativeEngine.play_similar`."""
-        from .flights import engines, fly_changed
+        from .batch import engines, fly_changed
 
         return fly_changed(trees, engines(actions), seeds)
 
@@ -79,7 +79,7 @@ class LunarLanderEngine:
         seeds: UInt64[ndarray, " episodes"],
     ) -> Float32[ndarray, "steps features"]:
         """See `NativeEngine.observe`."""
-        from .flights import engines, watch
+        from .batch import engines, watch
 
         return watch(trees, engines(actions), seeds)
 
@@ -110,7 +110,7 @@ class NativeEnvs:
             MissingExtra: Numba is not installed.
         """
         ENGINE.require_installed()
-        from .flights import Flights
+        from .batch import Flights
 
         self._flights = Flights(np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint64))
         return self._flights.observation.copy()
@@ -123,7 +123,7 @@ class NativeEnvs:
     ) -> tuple[Step, Float32[ndarray, "envs features"]]:
         """Take one step in every copy, or in those ``wanted``; ``max_steps`` is ignored. See `VectorEnvs.step`."""
         assert self._flights is not None, "reset() comes first"
-        from .flights import engines
+        from .batch import engines
 
         every = np.ones(self.num_envs, bool) if wanted is None else wanted
         moved = self._flights.step(engines(np.asarray(actions)), every)

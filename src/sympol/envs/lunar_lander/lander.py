@@ -10,10 +10,10 @@ import math
 import numpy as np
 
 from .bodies import CENTERS, SKIN, kind_of
+from .broadphase import EXTENSION, fatten
 from .joints import IA, MA
 from .layout import LANES, ONE, ZERO, F, one
 from .machine import compiled
-from .nearness import EXTENSION, fatten
 from .shapes import CHUNKS, EDGES, FPS, HEIGHT, LEG_AWAY, LEG_DOWN, LEG_SIDES, SCALE, WIDTH
 from .velocities import solve_velocities
 from .world import begin_step, end_step

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from .bodies import CENTERS, kind_of, transform
+from .broadphase import follow
 from .collide import find_contacts, look, told, update
 from .distance import EPSILON
-from .impact import time_of_impact
 from .joints import DT
 from .layout import ONE, ZERO, F
 from .machine import compiled
-from .nearness import follow
 from .solve import prepare, settle, solve_impact
+from .time_of_impact import time_of_impact
 
 SUBSTEPS = 8
 

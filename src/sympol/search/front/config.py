@@ -10,16 +10,12 @@ from typing import Any, Self
 
 import numpy as np
 
-SHARES = {"scratch": 0.2, "teacher": 0.3, "evolve": 0.4}
+from ...algorithms.presets import ANY, search_defaults
+
+SHARES: dict[str, float] = search_defaults(ANY)["shares"]
 """Of the budget, how it is divided among roads; those that are taken have it all but what choosing takes."""
-OTHER_SHARES = {"LunarLander-v3": {"scratch": 0.1, "teacher": 0.8, "evolve": 0.1}}
-"""Where a teacher's trees become much, but slowly."""
-TEACHERS = {"LunarLander-v3": 4}
-"""Where none are asked for; two for all others. How far a teacher's trees get is chance, where they get far slowly."""
 CHOOSING = 0.1
 """Part of a budget in seconds for choosing and testing."""
-MINUTES = {"CartPole-v1": 2.0, "MountainCarContinuous-v0": 5.0, "LunarLander-v3": 30.0}
-"""Of a budget where none is given; ten minutes for all others."""
 LEAST_SECONDS = 10.0
 """Of a budget: what compiling takes."""
 LEAST_STEPS = 50_000
@@ -41,7 +37,7 @@ class SearchConfig:
     seed: int = 0
     max_nodes: int = 63
     budget: str = ""
-    """A time or a number of environment steps, such as "5m" or "50M steps"; by default so many `MINUTES`."""
+    """A time or a number of environment steps, such as "5m" or "50M steps"; by default that of the preset."""
     methods: tuple[str, ...] = tuple(SHARES)
     """Taken in this order, whatever order they are given in: evolution starts from what the others found."""
     teacher: str = ""
@@ -49,7 +45,7 @@ class SearchConfig:
     trainings: int = 2
     """From scratch."""
     teachers: int | None = None
-    """Each trained, or distilled if one is given, with seeds of its own; by default so many `TEACHERS`."""
+    """Each trained, or distilled if one is given, with seeds of its own; by default that of the preset."""
     islands: int = 2
     """Searches by evolution, each with seeds of its own."""
     eval_episodes: int = 100
@@ -64,9 +60,9 @@ class SearchConfig:
         object.__setattr__(self, "methods", tuple(road for road in SHARES if road in self.methods))
         object.__setattr__(self, "env_kwargs", dict(self.env_kwargs))
         if not self.budget:
-            object.__setattr__(self, "budget", f"{MINUTES.get(self.env, 10.0):g}m")
+            object.__setattr__(self, "budget", f"{search_defaults(self.env)['minutes']:g}m")
         if self.teachers is None:
-            object.__setattr__(self, "teachers", TEACHERS.get(self.env, 2))
+            object.__setattr__(self, "teachers", search_defaults(self.env)["teachers"])
         if self.max_nodes < 1 or self.max_nodes % 2 == 0:
             near = f"{self.max_nodes - 1} or {self.max_nodes + 1}" if self.max_nodes > 1 else "1 or 3"
             raise ValueError(
@@ -107,7 +103,7 @@ class SearchConfig:
 
     def share(self, road: str) -> float:
         """The part of the budget that a road has."""
-        shares = OTHER_SHARES.get(self.env, SHARES)
+        shares = search_defaults(self.env)["shares"]
         return (1 - CHOOSING) * shares[road] / sum(shares[taken] for taken in self.methods)
 
     def to_dict(self) -> dict[str, Any]:

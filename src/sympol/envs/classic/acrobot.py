@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
-from ..types import Step
+from ...types import Step
 from .angles import wrap_angle
 
 GRAVITY = 9.8  # m/s²

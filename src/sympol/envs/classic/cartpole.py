@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
-from ..types import Step
+from ...types import Step
 
 GRAVITY = 9.8  # m/s²
 MASS_POLE = 0.1  # kg

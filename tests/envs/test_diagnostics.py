@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Dict, Discrete, Space
 from gymnasium.wrappers import FlattenObservation, NormalizeObservation, NormalizeReward, TimeLimit
 
 import sympol
-from sympol.envs.doubts import ManyFeatures, OwnStatistics
+from sympol.envs.diagnostics import ManyFeatures, OwnStatistics
 
 
 class Blank(gymnasium.Env):

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
-from ..types import Step
+from ...types import Step
 
 GRAVITY = 0.0025  # position per step², along the slope cos(3·position)
 POSITION_LIMITS = (-1.2, 0.6)

@@ -11,8 +11,8 @@ import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
 from gymnasium.wrappers import TimeLimit
 
-from sympol.envs.cartpole import CartPole, CartPoleState
-from sympol.envs.host import EnvironmentFailure, HostEnvs
+from sympol.envs.adapters.gymnasium import EnvironmentFailure, HostEnvs
+from sympol.envs.classic.cartpole import CartPole, CartPoleState
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 

@@ -16,8 +16,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from jaxtyping import Bool, Float32, Shaped
 from numpy import ndarray
 
-from ..types import Step
-from .spaces import LARGEST, Features, describe, native_actions
+from ...types import Step
+from ..spaces import LARGEST, Features, describe, native_actions
 
 
 class EnvironmentFailure(RuntimeError):

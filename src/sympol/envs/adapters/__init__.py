@@ -1,0 +1,1 @@
+"""Worlds that stand behind the same interfaces: one module for each kind of environment."""

@@ -1,0 +1,1 @@
+"""Gymnasium's classic control in JAX: the same steps as in its own program."""
