@@ -24,14 +24,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from sympol.algorithms.collect import collect, empty_rollout
 from sympol.algorithms.config import Config
-from sympol.algorithms.ppo import learn
 from sympol.algorithms.presets import preset
-from sympol.algorithms.train import CompiledTrainer, stops
-from sympol.algorithms.validate import limit_in, validate
+from sympol.algorithms.trainer import Trainer, make_loop, stops
 from sympol.envs.registry import resolve
-from sympol.policies.distributions import distribution_of
 
 from .rivals.environment import train
 from .timing import interleaved, write
@@ -86,7 +82,7 @@ def seconds_until_solved(seeds: range) -> list[float | None]:
     assert env is not None
     times: list[float | None] = []
     for seed in seeds:
-        trainer, state = CompiledTrainer(env, config, seed), None
+        trainer, state = Trainer(env, config, seed), None
         trainer.compile()
         began = time.perf_counter()
         for stop in stops(config):
@@ -106,37 +102,28 @@ def split() -> dict[str, float]:
     config = Config.from_dict(preset(ENV))
     env = resolve(ENV).env
     assert env is not None
-    distribution, hyper = distribution_of(env.action_space), config.hyperparameters()
-    trainer = CompiledTrainer(env, config, 0)
+    loop, trainer = make_loop(env, config), Trainer(env, config, 0)
     state = trainer.advance(None, stops(config)[0])
-    stage, key = config.max_stage, jax.random.key(0)
-    num_features = env.observation_space.shape[0]
-    steps = config.chunk_size << stage
-
-    def empty() -> Any:
-        return empty_rollout(num_features, distribution, config)
+    hyper, key = config.hyperparameters(), jax.random.key(0)
+    steps = config.chunk_size << config.max_stage
 
     @jax.jit
     def collecting(state: Any) -> Any:
-        return collect(env, distribution, state, empty(), 1 << np.int32(stage), key)
+        return loop.rollouts.collect(state, loop.rollouts.buffer(), np.int32(config.max_stage), key)
 
-    after, rollout = jax.block_until_ready(collecting(state))
-    next_x = after.normalizer(after.observation)
+    after, experience = jax.block_until_ready(collecting(state))
 
     @jax.jit
-    def learning(state: Any, rollout: Any) -> Any:
-        return learn(config, distribution, hyper, state, rollout, next_x, jax.numpy.int32(stage), key)
+    def learning(state: Any, experience: Any) -> Any:
+        return loop.learn(hyper, state, experience, key)
 
     @jax.jit
     def validating(state: Any) -> Any:
-        policy = state.networks.actor.rollout()
-        return validate(
-            env, distribution, policy, state.normalizer, key, config.num_eval_episodes, limit_in(env, config)
-        )
+        return loop.rollouts.evaluate(state, np.uint32(0))
 
     calls: dict[str, Callable[[], Any]] = {
         "collect": lambda: collecting(state),
-        "update": lambda: learning(after, rollout),
+        "update": lambda: learning(after, experience),
         "one validation": lambda: validating(state),
     }
     timings = interleaved(calls, repeats=5)

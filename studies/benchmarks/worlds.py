@@ -2,8 +2,9 @@
 
     python -m studies.benchmarks.worlds [--num-envs N] [--repeats N]
 
-MiniGrid in JAX (`collect`, inside a compiled program, storing each transition as training does) beside Farama's
-package, LunarLander in machine code beside Gymnasium's. Those step as many copies on the host, by SyncVectorEnv or in a
+MiniGrid in JAX (`JaxRollouts.collect`, inside a compiled program, storing each transition as training does) beside
+Farama's package, LunarLander in machine code beside Gymnasium's. Those step as many copies on the host, by SyncVectorEnv
+or in a
 loop, and store nothing. Everywhere the same new tree of depth 5 acts, sampling; on the host it is the extracted one in
 NumPy, the fastest there is for so few observations. Twins in turns, the least of many repeats of each. Writes
 studies/results/worlds.json.
@@ -13,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import jax
@@ -21,15 +21,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from sympol.algorithms.collect import collect, empty_rollout, reset_envs
+from sympol.algorithms.compiled import COMPILER_OPTIONS
 from sympol.algorithms.config import Config
-from sympol.algorithms.init import init_state, normalizer_of
 from sympol.algorithms.state import TrainState
-from sympol.algorithms.trainer import COMPILER_OPTIONS
+from sympol.algorithms.trainer import make_loop
 from sympol.envs.registry import resolve
 from sympol.envs.spec import Backend, EnvSpec
 from sympol.play import sample_actions
-from sympol.policies.distributions import distribution_of
 from sympol.policies.extract import extract_tree
 from sympol.trees import DecisionTree
 
@@ -50,10 +48,9 @@ DEPTH = 5
 
 
 def beginning(spec: EnvSpec, config: Config) -> TrainState:
-    """A policy that has learnt nothing yet; no environments."""
-    normalizer, _ = normalizer_of(spec.features, config)
-    hyper = config.hyperparameters()
-    return jax.jit(partial(init_state, config, distribution_of(spec.action_space), normalizer, hyper))(0)
+    """Return the state of a new training, with an untrained policy."""
+    loop = make_loop(spec.env or spec, config)
+    return jax.jit(loop.begin)(config.hyperparameters(), np.uint32(0), loop.template())
 
 
 def extracted(spec: EnvSpec, state: TrainState) -> DecisionTree:
@@ -71,20 +68,18 @@ def extracted(spec: EnvSpec, state: TrainState) -> DecisionTree:
 
 
 def in_program(spec: EnvSpec, config: Config) -> Callable[[], Any]:
-    """Gather one whole rollout at each call; the state and the buffer go on from the last one."""
-    env, distribution = spec.env, distribution_of(spec.action_space)
-    assert env is not None
+    """Return a function that collects one whole rollout at each call and continues from the last one."""
+    assert spec.env is not None
+    rollouts = make_loop(spec.env, config).rollouts
 
-    def gather(state: TrainState, rollout: Any) -> Any:
+    def gather(state: TrainState, buffer: Any) -> Any:
         key, collect_key = jax.random.split(jax.random.wrap_key_data(state.key))
-        num_chunks = jax.numpy.int32(1 << config.max_stage)
-        state, rollout = collect(env, distribution, state, rollout, num_chunks, collect_key)
-        return state._replace(key=jax.random.key_data(key)), rollout
+        stage = jax.numpy.int32(config.max_stage)
+        state, experience = rollouts.collect(state, buffer, stage, collect_key)
+        return state._replace(key=jax.random.key_data(key)), experience.rollout
 
-    env_state, observation = reset_envs(env, jax.random.key(0), config.num_envs)
-    state = beginning(spec, config)._replace(env_state=env_state, observation=observation)
-    rollout = empty_rollout(len(spec.features.names), distribution, config)
-    now = [state, jax.tree.map(jax.numpy.copy, rollout)]  # it holds one array twice, which cannot be donated
+    # the buffer holds one array twice, which cannot be donated
+    now = [beginning(spec, config), jax.tree.map(jax.numpy.copy, rollouts.buffer())]
     compiled = jax.jit(gather, donate_argnums=1).lower(*now).compile(COMPILER_OPTIONS)
 
     def call() -> Any:
