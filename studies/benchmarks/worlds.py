@@ -4,9 +4,9 @@
 
 MiniGrid in JAX (`JaxRollouts.collect`, inside a compiled program, storing each transition as training does) beside
 Farama's package, LunarLander in machine code beside Gymnasium's. Those step as many copies on the host, by
-SyncVectorEnv or in a loop, and store nothing. Everywhere the same new tree of depth 5 acts, sampling; on the host it is the extracted one in
-NumPy, the fastest there is for so few observations. Twins in turns, the least of many repeats of each. Writes
-studies/results/worlds.json.
+SyncVectorEnv or in a loop, and store nothing. Everywhere the same new tree of depth 5 acts, sampling; on the host
+it is the extracted one in NumPy, the fastest there is for so few observations. Twins in turns, the least of many
+repeats of each. Writes studies/results/worlds.json.
 """
 
 from __future__ import annotations
