@@ -19,7 +19,7 @@ from rich.table import Table
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.search.evaluators.base import make_evaluator
+from sympol.search.evaluators import make_evaluator
 from sympol.search.front.gallery import load
 from sympol.search.insert_splits import apply_insertions, sample_insertions
 from sympol.search.prunings import apply_prunings, prune_moves

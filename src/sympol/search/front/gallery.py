@@ -3,7 +3,7 @@
 Searches that took only some roads are kept apart, in ``results/fronts/roads``: beside the whole ones they say what each
 road brings.
 
-``python -m sympol.search.front.gallery [FOLDER ...]`` keeps what `Front.save` wrote in those folders, and
+``python -m sympol.search.front.gallery [FOLDER ...]`` keeps what `save_front` wrote in those folders, and
 writes the page
 anew. A file holds several whole runs of one task, their trees with them; nothing on the page is typed by hand.
 """
@@ -24,7 +24,7 @@ from ...results.json_io import dumps
 from ...runs.metadata import file_name
 from ...trees import DecisionTree
 from .config import SHARES
-from .files import fields_of, front_from, point_fields, read_json
+from .files import fields_of, front_from, load_front, point_fields, read_json
 from .front import Front, FrontError, Point, require_one_task
 from .plot import plot, plot_gallery, smallest
 from .tables import markdown, markdown_by_roads, markdown_of_runs, markdown_of_tasks
@@ -172,7 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--readme", action="store_true", help="print the gallery of the README")
     given = parser.parse_args(arguments)
     try:
-        kept = keep([Front.load(folder) for folder in given.folders], given.root)
+        kept = keep([load_front(folder) for folder in given.folders], given.root)
         tasks = load_all(given.root)
         parts = [load_parts(given.root, fronts[0].environment) for fronts in tasks]
         written = write_docs(tasks, given.root / "docs", parts)

@@ -22,10 +22,11 @@ from ...bounded import parse_json
 from ...envs.registry import resolve
 from ...parallel import Task, run_tasks
 from ...runs.metadata import RunError, versions
-from ..evolve import Budget
+from ..budget import Budget
 from .candidates import Candidate, load_candidates
 from .config import CHOOSING, SearchConfig
 from .files import FILE as FRONT
+from .files import load_front, save_front
 from .front import Cost, Front
 from .methods import place, tasks
 from .selection import select_front, test
@@ -48,7 +49,7 @@ def search(plan: SearchConfig, folder: Path, *, workers: int = 1, watch: Watch |
     """
     begin(plan, folder)
     if (folder / FRONT).exists():
-        return Front.load(folder)
+        return load_front(folder)
     with only_one(folder, "search", "--out"):
         return _search(plan, folder, workers, watch)
 
@@ -83,7 +84,7 @@ def _search(plan: SearchConfig, folder: Path, workers: int, watch: Watch | None)
         versions=versions(),
         date=datetime.now(UTC).isoformat(timespec="seconds"),
     )
-    front.save(folder, spec)
+    save_front(front, folder, spec)
     return front
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ...results.number_format import count, given, number
 from ...results.table_formats import in_markdown
 from ...runs.formatting import decimals
-from .files import place
+from .files import point_folder
 from .front import BestUnderSize, Cost, Front, Point, best_under_sizes, require_one_task, sizes_of
 from .references import Target, targets
 
@@ -50,7 +50,7 @@ def table(front: Front) -> Table:
 
 def next_steps(front: Front, folder: str | os.PathLike[str], program: str = "sympol") -> list[Step]:
     """What one may do with the best point of a front that is in ``folder``."""
-    run = shlex.quote(str(place(folder, front.points[-1])))
+    run = shlex.quote(str(point_folder(folder, front.points[-1])))
     return [
         Step(f"{program} show {run}", "its rules"),
         Step(f"{program} report {run}", "a page: the tree at work"),
