@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ... import files
-from ...bench.bench import commit, only_one
 from ...bounded import parse_json
 from ...envs.registry import resolve
 from ...parallel import Task, run_tasks
-from ...runs.metadata import RunError, versions
+from ...provenance import commit, versions
+from ...runs.lock import exclusive
+from ...runs.metadata import RunError
 from ..budget import Budget
 from .candidates import Candidate, load_candidates
 from .config import CHOOSING, SearchConfig
@@ -50,7 +51,7 @@ def search(plan: SearchConfig, folder: Path, *, workers: int = 1, watch: Watch |
     begin(plan, folder)
     if (folder / FRONT).exists():
         return load_front(folder)
-    with only_one(folder, "search", "--out"):
+    with exclusive(folder, "search", "--out"):
         return _search(plan, folder, workers, watch)
 
 
