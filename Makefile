@@ -36,8 +36,8 @@ test: extras lint docs  ## everything CI runs
 	tests/install-tools.sh
 	.venv/bin/pytest -n 2 --dist loadfile
 
-bench: install   ## measure what is claimed to be fast, into results/
-	.venv/bin/python -m benchmarks
+bench: install   ## measure what is claimed to be fast, into studies/results/
+	.venv/bin/python -m studies.benchmarks
 
 clean:           ## remove what was made
 	rm -rf .venv .pytest_cache .ruff_cache build dist site

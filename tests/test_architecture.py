@@ -23,6 +23,7 @@ BELOW: dict[str, set[str]] = {
     "threads": set(),
     "interrupts": set(),
     "terminal": set(),
+    "provenance": {"threads"},
     "console": {"trees"},
     "trees": {"files", "bounded"},
     "results": {"trees", "files", "bounded"},
@@ -34,9 +35,9 @@ BELOW: dict[str, set[str]] = {
     "film": {"types", "envs", "trees", "files"},
     "play": {"envs", "trees"},
     "evaluate": {"types", "envs", "trees", "film", "play"},
-    "runs": {"console", "types", "envs", "trees", "algorithms", "files", "bounded"},
+    "runs": {"console", "provenance", "types", "envs", "trees", "algorithms", "files", "bounded"},
     "serving": {"envs", "trees", "play"},
-    "parallel": {"console", "compilation", "files", "bounded", "interrupts", "terminal"},
+    "parallel": {"console", "provenance", "compilation", "files", "bounded", "interrupts", "terminal"},
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
@@ -90,6 +91,16 @@ def test_imports_go_one_way(file):
         there = room(name)
         if there in BELOW and there != here:
             assert there in BELOW[here], f"{module_of(file)} imports {name}: {here} may not import {there}"
+
+
+def test_only_the_command_imports_bench():
+    importers = {module_of(file) for file in FILES for name in imported(file) if room(name) == "bench"}
+    assert {name for name in importers if room(name) != "bench"} <= {"sympol.cli.bench"}
+
+
+def test_the_package_does_not_know_the_studies():
+    imports = re.compile(r"^\s*(from|import) studies\b", re.MULTILINE)
+    assert not [file for file in FILES if imports.search(file.read_text(encoding="utf-8"))]
 
 
 def circles(imports: dict[str, set[str]]) -> list[set[str]]:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from benchmarks import exports
+from studies.benchmarks import exports
 
 from sympol.trees import DecisionTree
 
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def test_the_page_has_what_was_measured():
-    content = json.loads((ROOT / "results" / "exports.json").read_text())
+    content = json.loads((ROOT / "studies" / "results" / "exports.json").read_text())
     page = (ROOT / "docs" / "guides" / "exports.md").read_text()
     assert f"{exports.MARKS[0]}\n{exports.markdown(content)}\n{exports.MARKS[1]}" in page
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import minigrid, small_grids, timing
+from studies.benchmarks import minigrid, small_grids, timing
+from studies.galleries.fronts import load_all
+from studies.galleries.published import targets
 
 from sympol.envs.minigrid import TASKS, make, make_host
 from sympol.envs.minigrid.state_graph import all_starts
-from sympol.search.front.gallery import load_all
-from sympol.search.front.references import targets
 from sympol.trees import DecisionTree, DiscreteActions
 
 from .envs.minigrid_worlds import World, load_world, worlds_of
@@ -57,7 +57,9 @@ def test_returns_from_all_starts_are_those_on_farama_s_package():
 
 
 def test_the_small_grids_in_the_docs_are_those_measured_and_of_the_trees_that_are_kept():
-    measured = json.loads((timing.ROOT / "results" / "small_grids.json").read_text(encoding="utf-8"))["tasks"]
+    measured = json.loads(
+        (timing.ROOT / "studies" / "results" / "small_grids.json").read_text(encoding="utf-8")
+    )["tasks"]
     text = (timing.ROOT / "docs" / "guides" / "pareto.md").read_text(encoding="utf-8")
     shown = text.split("<!-- small grids: tests/test_benchmarks.py -->\n")[1].split(
         "<!-- end small grids -->"
@@ -84,7 +86,7 @@ def test_a_small_run_of_minigrid(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["minigrid", env, "--seeds=2", "--timesteps=2048", "--episodes=8"])
     minigrid.main()
     assert "minigrid.json" in capsys.readouterr().out
-    result = json.loads((tmp_path / "results" / "minigrid.json").read_text())["environments"][env]
+    result = json.loads((tmp_path / "studies" / "results" / "minigrid.json").read_text())["environments"][env]
     assert result["disagreements"] == 0
     for row in result["trainings"]:
         assert row["starts"] == 3

@@ -16,7 +16,7 @@ PAGES = [
     *sorted(path for path in (ROOT / "docs").rglob("*.md") if "images" not in path.parts),
 ]
 
-ELSEWHERE = ("results/tables", "src/cartpole_policy", "tests/test_policy")
+ELSEWHERE = ("src/cartpole_policy", "tests/test_policy")
 """Files that a reader's own command writes."""
 
 
@@ -61,8 +61,6 @@ def exists(dotted: str) -> bool:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_names_of_ours_exist(page: Path):
     text = page.read_text(encoding="utf-8")
-    if page.stem == "add-an-algorithm":
-        pytest.importorskip("sympol.algorithms.on_policy")
     missing = []
     for block in python_of(text):
         for module, name in imported(block):
@@ -72,14 +70,14 @@ def test_names_of_ours_exist(page: Path):
     for name in re.findall(r"`(sympol(?:\.\w+)+)(?:\([^`]*\))?`", text):
         if not exists(name) and not name.startswith(("sympol.tree", "sympol.front")):
             missing.append(name)
-    for name in re.findall(r"python -m ((?:sympol|benchmarks|studies)(?:\.\w+)*)", text):
+    for name in re.findall(r"python -m ((?:sympol|studies)(?:\.\w+)*)", text):
         path = ROOT.joinpath(*name.split("."))
         source = ROOT / "src" / path.relative_to(ROOT)
         if not any(
             (base.with_suffix(".py").exists() or (base / "__main__.py").exists()) for base in (path, source)
         ):
             missing.append(f"python -m {name}")
-    for name in re.findall(r"`((?:docs|examples|results|studies|tests|benchmarks|src)/[\w./-]+)`", text):
+    for name in re.findall(r"`((?:docs|examples|studies|tests|src)/[\w./-]+)`", text):
         if not (ROOT / name).exists() and not name.startswith(ELSEWHERE):
             missing.append(name)
     assert not missing

@@ -1,4 +1,4 @@
-"""A sample of the malformed inputs of benchmarks/fuzz.py, and that it finds what it looks for."""
+"""A sample of the malformed inputs of studies/benchmarks/fuzz.py, and that it finds what it looks for."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.fuzz_ask import Broken, Failure, asked, in_process, outcomes
-from benchmarks.fuzz_classes import CLASSES
-from benchmarks.fuzz_commands import Box, Said, call, ruled, terminal
-from benchmarks.fuzz_inputs import smaller
-from benchmarks.kills import differences
+from studies.benchmarks.fuzz_ask import Broken, Failure, asked, in_process, outcomes
+from studies.benchmarks.fuzz_classes import CLASSES
+from studies.benchmarks.fuzz_commands import Box, Said, call, ruled, terminal
+from studies.benchmarks.fuzz_inputs import smaller
+from studies.benchmarks.kills import differences
 
 SEED = 19
 INPUTS = {"json": 300, "text": 400, "properties": 100, "runs": 120, "flags": 60, "observations": 500}
@@ -65,7 +65,7 @@ class Wrong:
 
 
 def test_what_breaks_the_rule_is_found_and_made_short(monkeypatch):
-    monkeypatch.setattr("benchmarks.fuzz_ask.WAIT", 0.2)
+    monkeypatch.setattr("studies.benchmarks.fuzz_ask.WAIT", 0.2)
     found: dict[str, Failure] = {}
     for _, outcome in outcomes(Wrong(), 0, range(20)):
         if isinstance(outcome, Failure):

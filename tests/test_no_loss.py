@@ -10,7 +10,7 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks import no_loss, timing
+from studies.benchmarks import no_loss, timing
 
 import sympol
 from sympol.play import play
@@ -109,7 +109,9 @@ def test_the_benchmark_writes_its_result(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(timing, "ROOT", tmp_path)
     monkeypatch.setattr(no_loss, "NUM_OBSERVATIONS", 3_000)
     no_loss.main([str(tmp_path / "run")])
-    (run,) = json.loads((tmp_path / "results" / "no_loss.json").read_text())["environments"].values()
+    (run,) = json.loads((tmp_path / "studies" / "results" / "no_loss.json").read_text())[
+        "environments"
+    ].values()
     assert run["observations"] == 3_000
     assert set(run["disagreements"].values()) == {0}
     assert "written to" in capsys.readouterr().out

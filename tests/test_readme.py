@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from sympol.search.front.gallery import load_all, readme
+from studies.galleries.fronts import load_all, readme
 
 ROOT = Path(__file__).resolve().parents[1]
 SLUGS = {
@@ -33,7 +32,7 @@ HEAD, _, *BODY = rows()
 
 
 def test_the_speed_of_programs_is_as_measured():
-    measured = json.loads((ROOT / "results" / "exports.json").read_text(encoding="utf-8"))
+    measured = json.loads((ROOT / "studies" / "results" / "exports.json").read_text(encoding="utf-8"))
     ns = {name: row["median_ns"] for name, row in measured["decision"].items()}
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     said = text.split("<!-- exports: tests/test_readme.py -->")[1].split("<!-- end exports -->")[0]
@@ -48,7 +47,7 @@ def test_the_speed_of_programs_is_as_measured():
 
 def test_the_fronts_are_those_of_the_results():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    shown = text.split("<!-- fronts: python -m sympol.search.front.gallery --readme -->\n")[1]
+    shown = text.split("<!-- fronts: python -m studies.galleries.fronts --readme -->\n")[1]
     tasks = load_all(ROOT)
     assert shown.split("<!-- end fronts -->")[0] == readme(tasks)
     quoted = {"CartPole-v1": 5, "sympol/DistShift-Random-v0": 13}
@@ -63,7 +62,7 @@ def test_the_fronts_are_those_of_the_results():
 def test_the_rivals_are_as_measured(row):
     slug, nodes = SLUGS[row[0].strip("* ")], []
     for environment, cell in zip(HEAD[1:6], row[1:6], strict=True):
-        (folder,) = (ROOT / "results" / "cells").glob(f"{environment}-v*")
+        (folder,) = (ROOT / "studies" / "results" / "cells").glob(f"{environment}-v*")
         file = folder / f"ppo-{slug}.json"
         if not file.exists():
             assert cell in ("not run", "–")

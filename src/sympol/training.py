@@ -11,8 +11,8 @@ import numpy as np
 from .agents import Agent, Callback, Report, load_run
 from .algorithms.config import SIZE_LIMITS
 from .play import FEW, Episodes
+from .provenance import versions
 from .runs.formatting import decimals
-from .runs.metadata import versions
 from .runs.run import Run
 from .teachers import has_soft_tree, keep_soft_tree
 

@@ -13,12 +13,13 @@ import pytest
 
 import sympol
 from sympol.bench import run as making
-from sympol.bench.bench import CHANGED, Busy, Work, only_one, run, waves
+from sympol.bench.bench import CHANGED, Work, run, waves
 from sympol.bench.jobs import Unit, jobs_of
 from sympol.bench.method_specs import Settings, distilling
 from sympol.bench.record import Cell, RecordError, load
 from sympol.bench.run import EPISODES
 from sympol.play import play
+from sympol.runs.lock import Busy, exclusive
 from sympol.trees import DecisionTree
 
 from ..tiny import quick_compiles
@@ -221,7 +222,10 @@ def test_workers_start_with_different_programs_and_cells_end_one_after_another(t
 
 def test_two_benches_do_not_write_one_folder(tmp_path):
     runs = tmp_path / BENCH
-    with only_one(runs), pytest.raises(Busy, match=r"another bench works in .*: process \d+ on \S+; wait"):
+    with (
+        exclusive(runs, "bench", "--runs"),
+        pytest.raises(Busy, match=r"another bench works in .*: process \d+ on \S+; wait"),
+    ):
         run([], root=tmp_path, runs=runs)
     run([], root=tmp_path, runs=runs)
 

@@ -7,9 +7,9 @@ import sys
 import pytest
 from distributed import Client
 
+from sympol import provenance
 from sympol.parallel import TasksFailed, dask, run_tasks
-from sympol.parallel import task as task_module
-from sympol.parallel.task import fingerprint
+from sympol.provenance import code_hash
 
 from .cluster import Cluster, kill
 from .tasks import task
@@ -22,18 +22,18 @@ pytestmark = pytest.mark.slow
 def cluster(tmp_path_factory):
     with Cluster(tmp_path_factory.mktemp("cluster")) as cluster:
         cluster.hire(3)
-        fingerprint.cache_clear()
+        code_hash.cache_clear()
         with Client(
             cluster.address, set_as_default=False
         ) as client:  # all at once, lest a file is edited meanwhile
-            assert {*client.run(fingerprint).values()} == {fingerprint()}
+            assert {*client.run(code_hash).values()} == {code_hash()}
         yield cluster
 
 
 @pytest.fixture
 def code_as_it_is_now(monkeypatch):
     """For clusters started later than the one above: somebody may have edited a file since."""
-    monkeypatch.setattr(task_module, "fingerprint", fingerprint.__wrapped__)
+    monkeypatch.setattr(provenance, "code_hash", code_hash.__wrapped__)
 
 
 def test_a_cluster_gives_what_one_process_gives_to_the_bit(cluster, capfd):
@@ -113,7 +113,7 @@ def test_a_worker_of_another_version_is_refused_at_the_door(cluster, monkeypatch
 
 
 def test_a_worker_of_other_code_is_refused_by_its_first_task(cluster, monkeypatch):
-    monkeypatch.setattr(task_module, "fingerprint", lambda: "0123456789ab")
+    monkeypatch.setattr(provenance, "code_hash", lambda: "0123456789ab")
     with pytest.raises(
         dask.SchedulerError, match=r"worker tcp://127\S+ has sympol's code \w{12}, this .*same commit"
     ):

@@ -17,8 +17,7 @@ import pytest
 
 import sympol
 from sympol import files
-from sympol.bench.bench import only_one
-from sympol.runs.lock import LOCK, FolderLock
+from sympol.runs.lock import LOCK, FolderLock, exclusive
 from sympol.runs.metadata import RunError
 from sympol.runs.run import Run
 
@@ -368,7 +367,7 @@ def test_something_in_the_way_is_named(unfinished, capsys, name):
 
 def test_a_search_that_goes_on_is_not_replaced(tmp_path, capsys):
     (tmp_path / "plan.json").write_text("{}")
-    with only_one(tmp_path, "search", "--out"):
+    with exclusive(tmp_path, "search", "--out"):
         said = refused(capsys, "pareto", "CartPole-v1", "--out", tmp_path, "--overwrite")
     assert f"another search works in {tmp_path}: process {os.getpid()} on " in said
     assert (tmp_path / "plan.json").exists()

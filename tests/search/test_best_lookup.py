@@ -17,7 +17,7 @@ from tests.envs import minigrid_worlds
 
 from .loops import spec_of
 
-FOUND_BY_MILP = json.loads(Path("results/memoryless.json").read_text(encoding="utf-8"))["tasks"]
+FOUND_BY_MILP = json.loads(Path("studies/results/memoryless.json").read_text(encoding="utf-8"))["tasks"]
 
 
 @pytest.mark.parametrize(

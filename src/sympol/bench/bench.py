@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from ..parallel import Failure, Task, TasksFailed, run_tasks
-from ..runs.lock import FileLock, Held
-from ..runs.metadata import RunError
+from ..provenance import commit
+from ..runs.lock import exclusive
 from .jobs import Result, Unit, jobs_of, task_of
 from .method_specs import same_config
 from .plan import CellPlan
 from .record import Cell, Record
 
-LOCK = ".bench.lock"
 CHANGED = "its config is another than at the start: presets or sources changed meanwhile; run the bench again"
-
-
-class Busy(RunError):
-    """Another bench works in the same folder."""
 
 
 @dataclass
@@ -93,7 +85,7 @@ def run(
     work = Work(root, plans, on_record)
     failures: list[Failure] = []
     commit()  # now: the sources may change while they run
-    with only_one(runs):
+    with exclusive(runs, "bench", "--runs"):
         units = [unit for plan in plans for unit in plan.units]
         todo = [job for job in jobs_of(units) if not work.has(job)]
         for wave in waves(todo, workers):
@@ -192,39 +184,3 @@ def _rows(record: Record | None) -> dict[int, dict[str, Any]]:
         seed: {name: None if values is None else values[i] for name, values in columns.items()}
         for i, seed in enumerate(record.seeds)
     }
-
-
-@cache
-def commit() -> str:
-    """Of the sources that run, "+" behind it where they differ from it; nothing where they are not in git."""
-    here = Path(__file__).parent
-
-    def git(*arguments: str) -> str:
-        done = subprocess.run(["git", *arguments], cwd=here, capture_output=True, text=True, check=False)
-        return done.stdout.strip() if done.returncode == 0 else ""
-
-    with contextlib.suppress(OSError):
-        changed = git("status", "--porcelain", "--untracked-files=no", str(here.parent))
-        return f"{git('rev-parse', 'HEAD')}{'+' if changed else ''}"
-    return ""
-
-
-@contextlib.contextmanager
-def only_one(runs: Path, what: str = "bench", flag: str = "--runs") -> Iterator[None]:
-    """Let nobody else bench, or search, into the folder meanwhile.
-
-    Raises:
-        Busy: somebody does.
-    """
-    runs.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(runs / LOCK)
-    try:
-        lock.acquire()
-    except Held as holder:
-        raise Busy(
-            f"another {what} works in {runs}: {holder}; wait for it, or choose another {flag}"
-        ) from None
-    try:
-        yield
-    finally:
-        lock.release()

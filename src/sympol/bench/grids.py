@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
 from ..results.number_format import given, interval, number, spread
 from ..results.statistics import Interval, Moments, moments
+from ..results.table_formats import Entry, Grid
 from .methods import SHORT, VARIANT_LABELS, exists, label_of
 from .paper import MEAN, Quantity, paper_number
 from .record import Cell, Record
@@ -17,23 +17,6 @@ from .tables import TIMESTEPS, Row, Table, cell_of
 
 NOT_RUN = "not run"
 IMPOSSIBLE = "—"
-
-
-class Entry(NamedTuple):
-    """One cell: what was measured, and beside it how often and what the paper has."""
-
-    text: str
-    detail: str = ""
-    bold: bool = False
-
-
-class Grid(NamedTuple):
-    """Rows and columns, ready to be written in any format."""
-
-    title: str
-    note: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Entry, ...]], ...]
 
 
 def grids(table: Table, records: Mapping[Cell, Record]) -> list[Grid]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,12 +10,11 @@ from typing import Any, TypeAlias
 from .. import files
 from ..bounded import parse_json
 from ..parallel import Task
-from ..runs.lock import FileLock
+from ..results.seeds import require_training_seed
 from ..runs.metadata import file_name
 from .method_specs import Settings, config_of, import_all, own, register_method, same_config, teacher_cell
 from .methods import RUNTIME_VARIANTS
 from .record import Cell
-from .seeds import require_training_seed
 
 RESULT = "bench.json"
 
@@ -105,15 +103,3 @@ def jobs_of(units: Iterable[Unit]) -> list[list[Unit]]:
         key = unit if is_alone else (unit.cell._replace(method=""), unit.seed)
         jobs.setdefault(key, []).append(unit)
     return list(jobs.values())
-
-
-@contextlib.contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Let nobody else on this machine work in a folder; who comes second waits."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder.with_name(f".{folder.name}.lock"))
-    lock.acquire(wait=True)
-    try:
-        yield
-    finally:
-        lock.release()

@@ -18,7 +18,7 @@ import numpy as np
 from .. import files
 from ..bounded import parse_json
 from ..results.json_io import dumps, plain, rounded
-from .seeds import require_training_seed
+from ..results.seeds import require_training_seed
 
 Returns: TypeAlias = tuple[tuple[float, ...], ...]
 """Undiscounted returns ``[trainings, episodes]``."""
@@ -123,8 +123,14 @@ class Record:
 
 
 def cells_folder(root: Path) -> Path:
-    """The folder of all records."""
-    return root / "results" / "cells"
+    """Return the folder of all records."""
+    return results_folder(root) / "cells"
+
+
+def results_folder(root: Path) -> Path:
+    """Return the folder of results: ``studies/results`` in a checkout of the repository, ``results`` elsewhere."""
+    kept = root / "studies" / "results"
+    return kept if kept.is_dir() else root / "results"
 
 
 def load(path: Path) -> Record:

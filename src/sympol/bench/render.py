@@ -14,7 +14,7 @@ from ..results.statistics import Moments, mean_interval, training_means
 from ..results.table_formats import latex, markdown
 from .comparisons import paired
 from .grids import grids, not_run
-from .methods import exists, is_tree
+from .methods import SHORT, exists, is_tree
 from .paper import paper_number
 from .record import Cell, Record
 from .summary import CellSummary, by_cell, summarise
@@ -36,7 +36,7 @@ def write(table: Table, records: Iterable[Record], out_dir: Path) -> list[Path]:
     plots = write_figures(table, found, out_dir)
     texts = {
         ".md": f"# {table.title}\n\n{section(table, found, [plot.name for plot in plots])}",
-        ".tex": latex(table, grids(table, found), UNITS),
+        ".tex": to_latex(table, found),
         ".csv": to_csv(table, found),
     }
     for suffix, text in texts.items():
@@ -54,7 +54,7 @@ def write_docs(
     images = docs_dir / "images" / "tables"
     parts = [
         "# Tables",
-        "Written by `sympol bench` from the records in `results/cells`; nothing here is typed by hand.",
+        "Written by `sympol bench` from its records; nothing here is typed by hand.",
         f"Unless a table says otherwise: {UNITS}",
         f"All together: {provenance(found.values())}",
         "\n".join(f"- [{table.title}](#{table.name}){_done(table, found)}" for table in tables),
@@ -83,6 +83,11 @@ def section(table: Table, records: Mapping[Cell, Record], images: Iterable[str] 
         names = (f"{cell.environment} {'-'.join(filter(None, cell[1:]))}" for cell in missing)
         parts.append(f"Not run ({len(missing)} of {len(table.cells())} cells): {', '.join(names)}.")
     return "\n\n".join(parts) + "\n"
+
+
+def to_latex(table: Table, records: Mapping[Cell, Record]) -> str:
+    """Return a table in LaTeX, with the paper's abbreviations of environments."""
+    return latex(grids(table, records), name=table.name, title=table.title, note=UNITS, abbreviations=SHORT)
 
 
 def provenance(records: Iterable[Record]) -> str:

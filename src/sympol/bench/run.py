@@ -13,13 +13,15 @@ from ..agents import Agent
 from ..distill import distill
 from ..parallel.task import resolve
 from ..play import Episodes, Purpose, play
+from ..provenance import versions
 from ..results.json_io import plain
-from ..runs.metadata import RunError, versions
+from ..runs.lock import one_at_a_time
+from ..runs.metadata import RunError
 from ..runs.run import Run
 from ..teachers import discretize_agent, teacher_of
 from ..training import finish, has_run, resume_agent, save_into, training_seconds
 from ..trees import DecisionTree
-from .jobs import RESULT, Result, Unit, alone, units_of
+from .jobs import RESULT, Result, Unit, units_of
 from .method_specs import agent_for, config_of, distilling, environment, own
 
 EPISODES = 1_000_000
@@ -30,7 +32,7 @@ trainings stay independent, and all methods have the same ones. Distillation sel
 def run_unit(**arguments: Any) -> list[Result]:
     """Train or make, play, keep (`task_of`); what is finished already is only read."""
     (unit,) = units_of(**arguments)
-    with alone(unit.folder):
+    with one_at_a_time(unit.folder):
         result = unit.result()
         return [_run(unit) if result is None else result]
 
@@ -123,7 +125,7 @@ def tested(unit: Unit, agent: Agent, run: Run) -> Result:
 
 def _distilled(unit: Unit, teacher: Unit) -> Result:
     """Make a tree of the teacher's agent, which is trained here if nobody has."""
-    with alone(teacher.folder):
+    with one_at_a_time(teacher.folder):
         agent, run = trained(teacher)
         run.close()
     began = time.perf_counter()

@@ -14,9 +14,10 @@ from ..agents import Agent, Report
 from ..algorithms.metrics import metrics_of, require_finite
 from ..algorithms.trainer import make_trainer, stops
 from ..compilation import use_disk_cache
+from ..runs.lock import one_at_a_time
 from ..runs.run import Run
 from ..training import save_into
-from .jobs import Result, alone, units_of
+from .jobs import Result, units_of
 from .method_specs import agent_for
 from .run import begun, kept, tested
 
@@ -26,7 +27,7 @@ def run_together(**arguments: Any) -> list[Result]:
     units = units_of(**arguments)
     with contextlib.ExitStack() as locks:
         for unit in sorted(units, key=lambda unit: unit.folder):
-            locks.enter_context(alone(unit.folder))
+            locks.enter_context(one_at_a_time(unit.folder))
         found = [result for unit in units if (result := unit.result()) is not None]
         if len(found) == len(units):
             return found

@@ -126,7 +126,7 @@ def _tables(given: Bench) -> tuple[list[Table], list[Table]]:
     """The tables as they are written, and the parts of them that were asked for."""
     from ..bench.method_specs import import_all
     from ..bench.plan import selected, tables_of
-    from ..bench.seeds import TRAINING
+    from ..results.seeds import TRAINING
 
     if not 1 <= given.trainings <= len(TRAINING):
         raise ValueError(f"--trainings must be from 1 to {len(TRAINING)}, got {given.trainings}")
@@ -161,8 +161,8 @@ def _plans(given: Bench, tables: Iterable[Table]) -> list[CellPlan]:
     from ..bench.method_specs import Settings
     from ..bench.plan import cells_of, plan_cells
     from ..bench.record import load_all
-    from ..bench.seeds import TRAINING
     from ..bench.summary import by_cell
+    from ..results.seeds import TRAINING
 
     records = by_cell(load_all(given.root))
     settings = Settings(given.total_timesteps, given.episodes)
@@ -197,13 +197,13 @@ def _say_record(record: Record, path: Path) -> None:
 def _write(given: Bench, whole: Sequence[Table], parts: Sequence[Table]) -> None:
     from ..bench.grids import grids
     from ..bench.plan import ALL
-    from ..bench.record import load_all
+    from ..bench.record import load_all, results_folder
     from ..bench.render import write, write_docs
     from ..bench.summary import by_cell
 
     records = load_all(given.root)
     found = by_cell(records)
-    folder = given.out or given.root / "results" / "tables"
+    folder = given.out or results_folder(given.root) / "tables"
     wide = out if out.is_terminal else Console(width=WIDTH, highlight=False, emoji=False)
     for table, part in zip(whole, parts, strict=True):
         written = write(table, records, folder)

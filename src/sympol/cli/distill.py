@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..algorithms.config import Config
+from ..provenance import versions
 from ..runs.clearing import require_free
-from ..runs.metadata import RunError, file_name, versions
+from ..runs.metadata import RunError, file_name
 from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ..interrupts import interrupts
+from ..runs.lock import exclusive
 from ..runs.metadata import RunError, file_name
 from ..search.front.config import SHARES, SearchConfig
 from ..threads import cores, use_one_thread
@@ -93,7 +94,6 @@ def run(words: Sequence[str]) -> int:
     """Run ``sympol pareto``."""
     given = parse(Pareto, "pareto", words)
 
-    from ..bench.bench import only_one
     from ..envs.registry import resolve
     from ..search.front.progress import LiveProgress
     from ..search.front.search import PLAN, begin, search
@@ -121,7 +121,7 @@ def run(words: Sequence[str]) -> int:
     spec = resolve(plan.env, env_kwargs=plan.env_kwargs)
     folder = given.out or Path("runs") / f"{file_name(spec.name)}-front-{given.seed}"
     if given.overwrite and (folder / PLAN).exists():
-        with only_one(folder, "search", "--out"):
+        with exclusive(folder, "search", "--out"):
             shutil.rmtree(folder)
     begin(plan, folder)
     err.print(

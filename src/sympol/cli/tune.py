@@ -109,7 +109,7 @@ def run(words: Sequence[str]) -> int:
 
 
 def _search(given: Tune) -> Search:
-    from ..bench.seeds import SEARCH
+    from ..results.seeds import SEARCH
     from ..tune.study import Search
 
     for name in ("trials", "total_timesteps", "seeds", "workers"):

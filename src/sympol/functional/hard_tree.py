@@ -26,7 +26,7 @@ Surrogate: TypeAlias = Literal["sigmoid", "softsign"]
 
 MAX_DEPTH = 14
 TOP_LEVELS = 4
-"""Levels whose gradients are summed by a matrix product; 3 to 5 measure alike (benchmarks/hard_tree.py)."""
+"""Levels whose gradients are summed by a matrix product; 3 to 5 measure alike (studies/benchmarks/hard_tree.py)."""
 _SMALLEST_NORMAL = float(jnp.finfo(jnp.float32).tiny)
 
 

@@ -10,8 +10,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from ..provenance import environment_fingerprint, training_versions
 from .board import Board
-from .task import Task, circumstances, encode, perform, versions
+from .task import Task, encode, perform
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -60,7 +61,7 @@ def run_on_cluster(tasks: Sequence[Task], address: str, retries: int, board: Boa
     """
     with _connect(address) as client:
         _compare_versions(client, address, board)
-        cluster = _Cluster(client, address, circumstances())
+        cluster = _Cluster(client, address, environment_fingerprint())
         client.subscribe_topic(cluster.topic, _starts(tasks, board))
         futures = {cluster.submit(task): task for task in tasks}
         try:
@@ -137,7 +138,7 @@ def _connect(address: str) -> Iterator[Client]:
 
 def _compare_versions(client: Client, address: str, board: Board) -> None:
     """Refuse workers whose results could differ; those that join later are asked with their first task."""
-    ours = versions()
+    ours = training_versions()
     packages = [name for name in ours if name != "python"]  # which it tells in any case
     told: Any = client.get_versions(packages=packages)
     for worker, there in sorted(told["workers"].items()):
@@ -163,9 +164,9 @@ def _perform_there(topic: str, name: str, function: str, arguments: str, expecte
     from distributed import get_worker
 
     worker = get_worker()
-    here = circumstances()
+    here = environment_fingerprint()
     if here != expected:
-        return json.dumps({"refused": worker.address, "circumstances": here})
+        return json.dumps({"refused": worker.address, "environment": here})
     worker.log_event(topic, name)
     return perform(function, arguments)
 
@@ -173,7 +174,7 @@ def _perform_there(topic: str, name: str, function: str, arguments: str, expecte
 def _checked(answer: str, ours: dict[str, str]) -> str:
     if answer.startswith('{"refused"'):
         content = json.loads(answer)
-        _refuse_difference(content["refused"], content["circumstances"], ours)
+        _refuse_difference(content["refused"], content["environment"], ours)
     return answer
 
 

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import importlib
 import json
-import sys
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
-
-from ..threads import threads
 
 Result = Any
 """What a task returns: anything JSON can hold."""
@@ -111,32 +105,3 @@ def perform(function: str, arguments: str) -> str:
     ) as error:  # SystemExit: a task that calls a command must not end its worker
         reason = " ".join(traceback.format_exception_only(error)[-1].split())
         return json.dumps({"error": reason, "details": traceback.format_exc()})
-
-
-def versions() -> dict[str, str]:
-    """The programs that must be the same on every machine for results to be.
-
-    From the installed packages' metadata, as Dask reports it of its workers.
-    """
-    found = {"python": f"{sys.version_info.major}.{sys.version_info.minor}"}
-    for package in ("sympol", "jax", "jaxlib"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "none"
-    return found
-
-
-def circumstances() -> dict[str, str]:
-    """All that must be the same, with what only the process itself can tell."""
-    return {**versions(), "code": fingerprint(), "threads": str(threads())}
-
-
-@functools.cache
-def fingerprint() -> str:
-    """Return a fingerprint of sympol's own files: two checkouts can have one version and differ."""
-    root = Path(__file__).parents[2]
-    digest = hashlib.sha256()
-    for file in sorted(file for ending in ("py", "toml") for file in root.rglob(f"*.{ending}")):
-        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()[:12]

@@ -1,13 +1,10 @@
-"""Grids in Markdown and LaTeX."""
+"""Tables as Markdown and LaTeX."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-
-from ..bench.grids import Entry, Grid
-from ..bench.methods import SHORT
-from ..bench.tables import Table
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 _IN_MARKDOWN = {
     "&": "&amp;", "<": "&lt;", ">": "&gt;", "|": "\\|", "*": "\\*", "_": "\\_", "`": "\\`", "](": "]\\(",
@@ -19,6 +16,23 @@ _IN_LATEX = {
     "−": "$-$", "±": r"$\pm$", "→": r"$\to$", "∞": r"$\infty$", "×": r"$\times$", "≥": r"$\geq$", "≤": r"$\leq$",
     "▲": r"$\blacktriangle$", "▼": r"$\blacktriangledown$", "τ": r"$\tau$", "α": r"$\alpha$", "—": "---",
 }  # fmt: skip
+
+
+class Entry(NamedTuple):
+    """A cell of a grid: a value, with details below it."""
+
+    text: str
+    detail: str = ""
+    bold: bool = False
+
+
+class Grid(NamedTuple):
+    """The rows and columns of a table, ready to be written in any format."""
+
+    title: str
+    note: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[Entry, ...]], ...]
 
 
 def markdown(grid: Grid) -> str:
@@ -36,45 +50,61 @@ def markdown(grid: Grid) -> str:
     )
 
 
-def latex(table: Table, grids: Sequence[Grid], units: str) -> str:
-    """Return a floating table for each grid; needs booktabs, graphicx and amssymb.
+def pipe_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table of right-aligned columns; its cells are Markdown already."""
+    lines = [columns, ["---:"] * len(columns), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
-    Environments that have an abbreviation in the paper are abbreviated.
+
+def latex(
+    grids: Sequence[Grid], *, name: str, title: str, note: str, abbreviations: Mapping[str, str]
+) -> str:
+    """Return a floating table for each grid; the document needs booktabs, graphicx and amssymb.
+
+    Args:
+        grids: The tables.
+        name: Part of each label, ``tab:NAME``.
+        title: Begins each caption.
+        note: Ends the caption of the first table.
+        abbreviations: Short forms of column names, which the caption explains.
     """
-    return "\n".join(_float(table, grid, units, i) for i, grid in enumerate(grids))
+    return "\n".join(
+        _float(grid, f"{name}{f'-{i + 1}' if i else ''}", title, "" if i else note, abbreviations)
+        for i, grid in enumerate(grids)
+    )
 
 
 def in_markdown(text: str) -> str:
-    """Text that is to be read as it is."""
+    """Return text with everything escaped that Markdown would interpret."""
     return _replaced(text, _IN_MARKDOWN)
 
 
 def in_latex(text: str) -> str:
-    """Text that is to be read as it is."""
+    """Return text with everything escaped that LaTeX would interpret."""
     return _replaced(text, _IN_LATEX)
 
 
-def _float(table: Table, grid: Grid, units: str, index: int) -> str:
+def _float(grid: Grid, name: str, title: str, note: str, short: Mapping[str, str]) -> str:
     def entry(of: Entry) -> str:
         text = rf"\textbf{{{in_latex(of.text)}}}" if of.bold else in_latex(of.text)
         return rf"\shortstack[r]{{{text}\\{{\scriptsize {in_latex(of.detail)}}}}}" if of.detail else text
 
-    title = ": ".join(filter(None, [table.title, grid.title]))
-    shorts = [SHORT.get(column, column) for column in grid.columns]
-    key = ", ".join(f"{SHORT[name]}: {name}" for name in grid.columns if name in SHORT)
-    caption = " ".join(filter(None, [grid.note, units if index == 0 else "", f"{key}." if key else ""]))
+    title = ": ".join(filter(None, [title, grid.title]))
+    columns = [short.get(column, column) for column in grid.columns]
+    key = ", ".join(f"{short[column]}: {column}" for column in grid.columns if column in short)
+    caption = " ".join(filter(None, [grid.note, note, f"{key}." if key else ""]))
     lines = [
         "% needs booktabs, graphicx, amssymb",
         r"\begin{table}",
         r"\centering",
         rf"\caption{{\textbf{{{in_latex(title)}.}} {in_latex(caption)}}}",
-        rf"\label{{tab:{table.name}{f'-{index + 1}' if index else ''}}}",
+        rf"\label{{tab:{name}}}",
         r"\resizebox{\linewidth}{!}{%",
-        rf"\begin{{tabular}}{{l{'r' * len(shorts)}}}",
+        rf"\begin{{tabular}}{{l{'r' * len(columns)}}}",
         r"\toprule",
-        " & ".join(["", *map(in_latex, shorts)]) + r" \\",
+        " & ".join(["", *map(in_latex, columns)]) + r" \\",
         r"\midrule",
-        *(" & ".join([in_latex(name), *map(entry, entries)]) + r" \\" for name, entries in grid.rows),
+        *(" & ".join([in_latex(row), *map(entry, entries)]) + r" \\" for row, entries in grid.rows),
         r"\bottomrule",
         r"\end{tabular}}",
         r"\end{table}",
@@ -83,5 +113,5 @@ def _float(table: Table, grid: Grid, units: str, index: int) -> str:
 
 
 def _replaced(text: str, by: dict[str, str]) -> str:
-    """Each character once, so that what was put in is not replaced again."""
+    """Replace each match once, so that no replacement is replaced again."""
     return re.sub("|".join(map(re.escape, by)), lambda found: by[found.group()], text)

@@ -11,13 +11,17 @@ import sys
 import threading
 import time
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
 from ..files import NO_LINK
+from .metadata import RunError
 
 LOCK = ".sympol.lock"
 """The lock's file in a run's folder, there only while the run is written or after its writer was killed."""
+WORK_LOCK = ".bench.lock"
+"""The lock's file in a folder that holds the work of many processes: a bench, a search."""
 _PATIENCE = 0.2
 """Seconds for which a lock is tried: `writer_of` holds it for a moment."""
 _HELD_BY_ANOTHER = {errno.EACCES, errno.EAGAIN, errno.EDEADLK}
@@ -26,6 +30,10 @@ _NO_LOCKS_HERE = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, e
 
 class Held(Exception):
     """Another process, or another lock of this process, holds the lock; the message names it."""
+
+
+class Busy(RunError):
+    """Another process works in the same folder."""
 
 
 class NoLocks(UserWarning):
@@ -138,6 +146,44 @@ class FolderLock:
         """Release the lock with the last reference to it."""
         if hasattr(self, "_lock") and not sys.is_finalizing():
             self.release()
+
+
+@contextlib.contextmanager
+def exclusive(folder: Path, what: str, flag: str) -> Iterator[None]:
+    """Keep other processes from working in a folder meanwhile; the folder is made if it is missing.
+
+    Args:
+        folder: The folder, which holds more than one run.
+        what: What works there, for the message: "bench" or "search".
+        flag: The command's flag that chooses the folder, for the message.
+
+    Raises:
+        Busy: Another process works there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / WORK_LOCK)
+    try:
+        lock.acquire()
+    except Held as holder:
+        raise Busy(
+            f"another {what} works in {folder}: {holder}; wait for it, or choose another {flag}"
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder: Path) -> Iterator[None]:
+    """Wait until no other process of this machine works in a folder, then hold it."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder.with_name(f".{folder.name}.lock"))
+    lock.acquire(wait=True)
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def writer_of(folder: Path) -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import reprlib
 import sys
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from .. import __version__, files
 from ..algorithms.config import Config, ConfigError
 from ..bounded import parse_toml
 from ..envs.origin import Origin
+from ..provenance import versions
 from ..trees.groups import Group
 
 if TYPE_CHECKING:
@@ -215,17 +215,3 @@ def is_run(config_file: Path) -> bool:
 
 def _group_to_toml(group: Group) -> dict[str, Any]:
     return {name: value for name, value in asdict(group).items() if value is not None}
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of everything that a result may depend on; of Numba only where it is installed."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = {"python": platform.python_version(), "sympol": __version__}
-    for package in ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy", "numba"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            if package != "numba":  # pragma: no cover
-                found[package] = "?"
-    return found

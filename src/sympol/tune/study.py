@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 from ..algorithms.config import Config
 from ..algorithms.presets import DEFAULT, preset
-from ..bench.seeds import require_search_seed
 from ..envs.registry import resolve
 from ..envs.spec import EnvSpec
+from ..results.seeds import require_search_seed
 from ..trees.actions import BoxActions
 from .search_spaces import Space, corner, fields_of, fixed, from_json, space_of, to_json
 from .storage import open_storage

@@ -15,9 +15,9 @@ import numpy as np
 
 from ..agents import Agent, Report, agent_of
 from ..algorithms.config import Config
-from ..bench.seeds import require_search_seed
 from ..envs.adapters.gymnasium import EnvironmentFailure
 from ..parallel import Failure, Task, TasksFailed, run_tasks
+from ..results.seeds import require_search_seed
 from .search_spaces import drawn
 from .study import FAILURE, Search, finished, open_study, quiet, search_of
 

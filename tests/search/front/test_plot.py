@@ -7,10 +7,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from studies.galleries.published import published
 
 from sympol.search.front.front import EvaluatedCandidate, FrontError
-from sympol.search.front.plot import looks_of, plot, plot_gallery, smallest, stairs
-from sympol.search.front.references import Reference, references, targets
+from sympol.search.front.plot import Reference, looks_of, plot, stairs
 
 from .synthetic import front, ladder, point
 
@@ -27,7 +27,7 @@ def data_of(ax, label):
 
 def test_marks_are_points_and_bars_are_their_intervals():
     run = front([point(1, 300), point(5, 400, method="teacher"), point(31, 500)])
-    ax = plot(run, beside=[]).axes[0]
+    ax = plot(run).axes[0]
     marks = np.concatenate([*data_of(ax, "scratch"), *data_of(ax, "teacher")])
     assert sorted(map(tuple, marks)) == [(p.nodes, p.mean) for p in run.points]
     bars = {tuple(map(tuple, line.get_xydata())) for line in ax.lines if len(line.get_xydata()) == 2}
@@ -74,7 +74,7 @@ def test_what_was_tried_lies_faintly_behind():
         EvaluatedCandidate(11, 410.0, "scratch"),
     ]
     run = front([point(1, 300), point(31, 500)], candidates=tuple(tried))
-    ax = plot(run, beside=[]).axes[0]
+    ax = plot(run).axes[0]
     faint = [tuple(at) for line in ax.lines if line.get_alpha() for at in line.get_xydata()]
     assert sorted(faint) == sorted((nodes, mean) for nodes, mean, _ in tried)
 
@@ -82,7 +82,7 @@ def test_what_was_tried_lies_faintly_behind():
 def test_what_lies_far_below_is_said_in_words():
     rows = [(1, -500.0), (3, -84.0), (11, -83.5), (15, -83.0), (19, -81.0)]
     run = front([point(*row) for row in rows], candidates=(EvaluatedCandidate(5, -499.0, "scratch"),))
-    ax = plot(run, beside=[]).axes[0]
+    ax = plot(run).axes[0]
     assert ax.get_ylim()[0] > -120
     assert "↓ −500" in words_of(ax)
     assert all(y > -120 for y in np.concatenate(data_of(ax, "scratch"))[:, 1])
@@ -93,11 +93,11 @@ def test_what_lies_far_below_is_said_in_words():
 def test_labels_cover_neither_each_other_nor_marks(environment, runs):
     shift = {"CartPole-v1": 0.0, "Acrobot-v1": -580.0, "LunarLander-v3": -250.0, "Pendulum-v1": -660.0}
     fronts = [ladder(seed, environment=environment, shift=shift[environment] + seed) for seed in range(runs)]
-    figure = plot(fronts)
+    figure = plot(fronts, beside=published(environment))
     ax = figure.axes[0]
     FigureCanvasAgg(figure).draw()
     boxes = {words: text.get_window_extent() for words, text in words_of(ax).items()}
-    expected = {other.label for other in references(environment)}
+    expected = {other.label for other in published(environment)}
     assert all(any(words.startswith(label) for words in boxes) for label in expected)
     for (one, a), (other, b) in combinations(boxes.items(), 2):
         assert not a.overlaps(b), (one, other)
@@ -144,7 +144,7 @@ def test_a_label_that_stands_apart_is_led_to_its_mark():
 @pytest.mark.parametrize("roads", [1, 5, 9])
 def test_the_legend_is_inside_the_picture(roads):
     points = [point(2 * i + 1, i, method=f"teacher + shrink + evolve {i}") for i in range(roads)]
-    figure = plot([front(points, seed=seed) for seed in range(2)], beside=[])
+    figure = plot([front(points, seed=seed) for seed in range(2)])
     FigureCanvasAgg(figure).draw()
     [legend] = figure.legends
     assert len(legend.get_texts()) == roads + 1
@@ -154,7 +154,7 @@ def test_the_legend_is_inside_the_picture(roads):
 
 def test_of_several_runs_the_mean_of_tests_is_drawn():
     runs = [ladder(seed, shift=10.0 * seed) for seed in range(3)]
-    ax = plot(runs, beside=[]).axes[0]
+    ax = plot(runs).axes[0]
     [mean] = data_of(ax, "test: mean of runs, 95 %")
     assert mean[0].tolist() == [1, 18]
     assert mean[-1, 1] == 509
@@ -163,7 +163,7 @@ def test_of_several_runs_the_mean_of_tests_is_drawn():
 
 def test_runs_that_were_not_tested_have_no_mean():
     runs = [front([point(1, 5, test=np.nan)], seed=seed) for seed in range(2)]
-    assert not data_of(plot(runs, beside=[]).axes[0], "test: mean of runs, 95 %")
+    assert not data_of(plot(runs).axes[0], "test: mean of runs, 95 %")
 
 
 @pytest.mark.parametrize("suffix", [".svg", ".pdf", ".png"])
@@ -177,30 +177,6 @@ def test_the_same_front_is_the_same_file(tmp_path, suffix):
 def test_bad_input_is_refused_before_anything_is_drawn(tmp_path):
     with pytest.raises(ValueError, match="svg"):
         plot(ladder(), tmp_path / "front.gif")
-    with pytest.raises(ValueError, match="at least one task"):
-        plot_gallery([], tmp_path / "gallery.svg")
     with pytest.raises(FrontError, match="one task"):
         plot([ladder(0), ladder(1, environment="Acrobot-v1")])
     assert not list(tmp_path.iterdir())
-
-
-def test_a_gallery_draws_the_smallest_trees_beside_each_front(tmp_path):
-    tasks = [[ladder()], [front([point(1, 0.0)], environment="Pendulum-v1")]]
-    figure = plot_gallery(tasks, tmp_path / "gallery.svg")
-    rows = np.array(figure.axes).reshape(2, 4)
-    assert [ax.get_title() for ax in rows[0]] == ["CartPole-v1", "5 nodes: 399.0", "7 nodes: 449.0", ""]
-    assert [ax.get_title() for ax in rows[1]] == ["Pendulum-v1", "", "", ""]
-    for ax, shown in zip(rows[0, 1:], smallest(tasks[0][0], 3), strict=False):
-        answers = [text.get_text() for text in ax.texts]
-        assert sum(words.startswith("push") for words in answers) == shown.tree.n_leaves
-    assert not rows[0, 3].texts
-
-
-def test_references_are_the_papers_and_the_targets_grow():
-    assert Reference("SYMPOL, paper", -57, 55.0) in references("LunarLander-v3")
-    assert Reference("MLP, paper", 241) in references("LunarLander-v3")
-    assert references("Mine-v0") == []
-    assert targets("Mine-v0") == ()
-    for task in ("Acrobot-v1", "LunarLander-v3", "Pendulum-v1"):
-        asked = targets(task)
-        assert all(a.nodes < b.nodes and a.mean < b.mean for a, b in combinations(asked, 2))

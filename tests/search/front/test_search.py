@@ -16,11 +16,11 @@ import pytest
 import sympol
 import sympol.search.front.search
 from sympol import DecisionTree
-from sympol.bench.bench import Busy, only_one
 from sympol.cli.app import main
 from sympol.distill import Teacher
 from sympol.envs.registry import resolve
 from sympol.play import play
+from sympol.runs.lock import Busy, exclusive
 from sympol.runs.metadata import RunError
 from sympol.search.front.candidates import FILE, Candidate, load_candidates, save_candidates
 from sympol.search.front.config import SearchConfig
@@ -152,7 +152,7 @@ def test_another_plan_or_another_folder_is_refused(quick, tmp_path):
 def test_two_searches_do_not_share_a_folder(tmp_path):
     begin(QUICK, tmp_path / "front")
     with (
-        only_one(tmp_path / "front"),
+        exclusive(tmp_path / "front", "search", "--out"),
         pytest.raises(Busy, match=r"another search works in .*choose another --out"),
     ):
         search(QUICK, tmp_path / "front")

@@ -11,8 +11,7 @@ from rich.console import Console
 
 from sympol.search.front.files import place
 from sympol.search.front.front import Cost
-from sympol.search.front.references import Target
-from sympol.search.front.tables import format_cost, markdown, markdown_of_runs, next_steps, table
+from sympol.search.front.tables import format_cost, markdown, next_steps, table
 
 from .synthetic import front, ladder, point
 
@@ -86,28 +85,6 @@ def test_markdown_has_a_row_for_each_point():
         "1.23 M steps + 50 k of a teacher, 640 episodes to choose, 12 s; validation on 100 episodes; test on 100; "
         "2026-11-22; commit abcdef0123.\n"
     )
-
-
-def test_bold_is_what_was_asked():
-    runs = [ladder(seed, shift=10 * seed) for seed in range(3)]
-    asked = [Target(5, 409), Target(7, 459.1), Target(31, None, "all of it")]
-    head, _, small, middle, large = rows_of(markdown_of_runs(runs, asked))
-    assert head == ["at most", "asked", "test return", "seed 0", "seed 1", "seed 2"]
-    assert small == ["5 nodes", "409", "**409.0 ± 10.0**", "399.0 (5)", "409.0 (5)", "419.0 (5)"]
-    assert middle[1:3] == ["459.1", "459.0 ± 10.0"]
-    assert large[1:3] == ["all of it", "509.0 ± 10.0"]
-
-
-def test_without_a_tree_so_small_there_is_no_mean():
-    runs = [front([point(5, 400)], seed=0), front([point(1, 9), point(5, 500)], seed=1)]
-    _, _, row = rows_of(markdown_of_runs(runs, [Target(3, 500)]))
-    assert row[2:] == ["none so small", "none so small", "8.0 (1)"]
-
-
-def test_a_task_of_ones_own_has_all_its_sizes():
-    head, _, *rows = rows_of(markdown_of_runs([ladder(environment="Mine-v0")]))
-    assert head == ["at most", "test return", "seed 0"]
-    assert [row[0] for row in rows] == ["1 nodes", "5 nodes", "7 nodes", "31 nodes"]
 
 
 @pytest.mark.parametrize("folder", ["runs/cp", "a folder/$HOME"])

@@ -207,7 +207,7 @@ def test_the_program_in_the_documentation_runs(cartpole, tmp_path, monkeypatch, 
 
 def test_the_documentation_says_what_was_measured():
     page = (ROOT / "docs" / "guides" / "verify.md").read_text(encoding="utf-8")
-    measured = json.loads((ROOT / "results" / "verify.json").read_text(encoding="utf-8"))
+    measured = json.loads((ROOT / "studies" / "results" / "verify.json").read_text(encoding="utf-8"))
     agreement = measured["agreement"]
     assert f"Of {agreement['pairs']:,} random pairs" in page
     assert f"{agreement['disagreements']} were answered otherwise" in page

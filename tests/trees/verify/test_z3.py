@@ -1,4 +1,4 @@
-"""Every answer is z3's: `python -m benchmarks.verify` asks ten thousand times, this as often as is quick."""
+"""Every answer is z3's: `python -m studies.benchmarks.verify` asks ten thousand times, this as often as is quick."""
 
 import numpy as np
 import pytest

@@ -110,7 +110,7 @@ def _save_point(path: Path, point: Point, spec: EnvSpec) -> None:
 
 
 def _summary_of(path: Path, point: Point, spec: EnvSpec, distilled: Mapping[str, Any]) -> dict[str, Any]:
-    from ...runs.metadata import versions
+    from ...provenance import versions
 
     tested = (
         {}

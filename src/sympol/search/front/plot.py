@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from ...trees.plot import arrange, draw
 from ...trees.plot_style import check_file
 from .front import Front, Point, best_under_sizes, require_one_task, sizes_of
 from .labels import Label, place_labels
-from .references import Reference, references
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,27 +28,35 @@ if TYPE_CHECKING:
 Looks: TypeAlias = Mapping[str, Look]
 """Of roads."""
 
+
+class Reference(NamedTuple):
+    """A return reported elsewhere, drawn beside a front."""
+
+    label: str
+    mean: float
+    nodes: float | None = None
+    """Inner nodes and leaves; None for a policy that is no tree."""
+
+
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKS = ("o", "^", "s", "D", "v", "P", "X", "p")
 _GREY = "#777777"
-_SIZE = (2.3 * PANEL[0], 1.75 * PANEL[1])
+SIZE = (2.3 * PANEL[0], 1.75 * PANEL[1])
 _LETTER = 0.07
 """Inches, in a legend."""
 _LEAST = 15
 """Nodes that the axis reaches at least."""
-_DRAWN = 15
-"""Nodes of the largest tree that is drawn beside a front."""
 
 
 def plot(
     fronts: Front | Sequence[Front],
     path: str | PathLike[str] | None = None,
     *,
-    beside: Iterable[Reference] | None = None,
+    beside: Sequence[Reference] = (),
 ) -> Figure:
     """Draw one run's front, or those of several runs of one task with their mean; save it if a path is given.
 
-    ``beside`` are other people's returns, by default those that `references` knows of the task.
+    ``beside`` are returns reported elsewhere.
 
     Raises:
         ValueError: the path ends neither in .svg, .pdf nor .png, or the runs are not of one task.
@@ -60,72 +67,25 @@ def plot(
     with styled():
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=_SIZE, layout="constrained")
+        figure = Figure(figsize=SIZE, layout="constrained")
         ax = figure.subplots()
         labels = panel(ax, fronts, looks_of(fronts), beside)
-        _legend(figure, [ax])
-        _settle(figure)
+        add_legend(figure, [ax])
+        fix_panels(figure)
         place_labels(ax, labels)
         if path is not None:
             save(figure, Path(path))
     return figure
 
 
-def plot_gallery(
-    tasks: Sequence[Sequence[Front]], path: str | PathLike[str] | None = None, *, trees: int = 3
-) -> Figure:
-    """Draw a row for each task: the front of its runs, and beside it the smallest ``trees`` trees of the first run.
-
-    Raises:
-        ValueError: no tasks, or as `plot` does.
-    """
-    if not tasks:
-        raise ValueError("a gallery needs the fronts of at least one task, got none")
-    if path is not None:
-        check_file(path)
-    looks = looks_of([front for fronts in tasks for front in fronts])
-    with styled():
-        from matplotlib.figure import Figure
-
-        figure = Figure(
-            figsize=(_SIZE[0] + 1.1 * trees * PANEL[0], 1.35 * PANEL[1] * len(tasks)), layout="constrained"
-        )
-        widths = [_SIZE[0] / PANEL[0], *[1.1] * trees]
-        rows = figure.subplots(len(tasks), 1 + trees, squeeze=False, width_ratios=widths)
-        panels = [(row[0], panel(row[0], fronts, looks)) for row, fronts in zip(rows, tasks, strict=True)]
-        _legend(figure, [ax for ax, _ in panels])
-        beside = [
-            (ax, point)
-            for row, fronts in zip(rows, tasks, strict=True)
-            for ax, point in zip(row[1:], smallest(fronts[0], trees), strict=False)
-        ]
-        for ax in rows[:, 1:].flat:
-            ax.set_axis_off()
-        for ax, point in beside:
-            ax.set_title(f"{point.nodes} nodes: {_returned(point)}")
-        _settle(figure)  # a tree is drawn to fit its panel, whose place must be known
-        for ax, point in beside:
-            _draw_tree(ax, point)
-        for ax, labels in panels:
-            place_labels(ax, labels)
-        if path is not None:
-            save(figure, Path(path))
-    return figure
-
-
-def smallest(front: Front, count: int) -> list[Point]:
-    """The trees of a front that are drawn beside it: the smallest that decide anything, while they can be read."""
-    return [point for point in front.points if 1 < point.nodes <= _DRAWN][:count]
-
-
-def _legend(figure: Figure, axes: Sequence[Axes]) -> None:
-    """In as many columns as there is room for."""
+def add_legend(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Put one legend below all panels, in as many columns as there is room for."""
     longest = max(len(label) for ax in axes for label in ax.get_legend_handles_labels()[1])
     legend_below(figure, axes, columns=max(1, int(figure.get_figwidth() / (0.7 + _LETTER * longest))))
 
 
-def _settle(figure: Figure) -> None:
-    """Fix where the panels are. The solver's last digits are not the same each time; rounded, the file is."""
+def fix_panels(figure: Figure) -> None:
+    """Fix where the panels are, rounded: the layout solver's last digits differ from run to run."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for ax in figure.axes:
@@ -133,8 +93,8 @@ def _settle(figure: Figure) -> None:
         ax.set_position((left, bottom, width, height))
 
 
-def _draw_tree(ax: Axes, point: Point) -> None:
-    """In the middle of a panel, no larger than on a page of its own."""
+def draw_tree(ax: Axes, point: Point) -> None:
+    """Draw the tree of a point in the middle of a panel, no larger than on a page of its own."""
     layout, boxes = arrange(point.tree, 3)
     figure = ax.figure.canvas.figure
     place, wanted = ax.get_position(), layout.extent / figure.get_size_inches()
@@ -151,14 +111,11 @@ def looks_of(fronts: Iterable[Front]) -> Looks:
     return {road: Look(colour, "-", mark) for road, colour, mark in styles}
 
 
-def panel(
-    ax: Axes, fronts: Sequence[Front], looks: Looks, beside: Iterable[Reference] | None = None
-) -> list[Label]:
+def panel(ax: Axes, fronts: Sequence[Front], looks: Looks, beside: Sequence[Reference] = ()) -> list[Label]:
     """Draw the fronts of one task; return the labels that `place_labels` puts where there is room."""
     environment = require_one_task(fronts)
-    others = references(environment) if beside is None else list(beside)
-    right = _nodes_axis(ax, fronts, others)
-    bottom = _returns_axis(ax, fronts, others)
+    right = _nodes_axis(ax, fronts, beside)
+    bottom = _returns_axis(ax, fronts, beside)
     for front in fronts:
         _candidates(ax, front, looks)
         _steps(ax, front.points, right, faint=len(fronts) > 1)
@@ -169,7 +126,7 @@ def panel(
     else:
         _tests(ax, fronts[0])
     ax.set(title=environment, xlabel="nodes", ylabel="validation return" if len(fronts) == 1 else "return")
-    return [*_below(fronts, bottom), *_references(ax, others)]
+    return [*_below(fronts, bottom), *_references(ax, beside)]
 
 
 def _nodes_axis(ax: Axes, fronts: Sequence[Front], others: Iterable[Reference]) -> float:
@@ -265,11 +222,6 @@ def _references(ax: Axes, others: Iterable[Reference]) -> list[Label]:
         words, colour = f"{other.label} {given(other.mean)}", "black" if other.nodes else _GREY
         labels.append(Label(other.nodes, other.mean, words, colour))
     return labels
-
-
-def _returned(point: Point) -> str:
-    mean = point.mean if point.test is None else point.test.mean
-    return number(mean, decimals(mean))
 
 
 def _short(mean: float) -> str:

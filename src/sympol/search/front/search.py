@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ... import files
-from ...bench.bench import commit, only_one
 from ...bounded import parse_json
 from ...envs.registry import resolve
 from ...parallel import Task, run_tasks
-from ...runs.metadata import RunError, versions
+from ...provenance import commit, versions
+from ...runs.lock import exclusive
+from ...runs.metadata import RunError
 from ..evolve import Budget
 from .candidates import Candidate, load_candidates
 from .config import CHOOSING, SearchConfig
@@ -49,7 +50,7 @@ def search(plan: SearchConfig, folder: Path, *, workers: int = 1, watch: Watch |
     begin(plan, folder)
     if (folder / FRONT).exists():
         return Front.load(folder)
-    with only_one(folder, "search", "--out"):
+    with exclusive(folder, "search", "--out"):
         return _search(plan, folder, workers, watch)
 
 
