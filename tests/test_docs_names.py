@@ -61,8 +61,6 @@ def exists(dotted: str) -> bool:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_names_of_ours_exist(page: Path):
     text = page.read_text(encoding="utf-8")
-    if page.stem == "add-an-algorithm":
-        pytest.importorskip("sympol.algorithms.on_policy")
     missing = []
     for block in python_of(text):
         for module, name in imported(block):

@@ -57,7 +57,6 @@ def test_an_environment_is_added_as_the_guide_says():
 
 @pytest.mark.slow
 def test_an_algorithm_is_added_as_the_guide_says():
-    pytest.importorskip("sympol.algorithms.on_policy")
     try:
         names = run_page("add-an-algorithm")
     finally:

@@ -1,4 +1,4 @@
-"""The user's verbs: learn, predict, tree, save, load."""
+"""Agents: train a policy, ask it for actions, extract its tree, save and load it."""
 
 from __future__ import annotations
 
@@ -41,13 +41,16 @@ from .trees.actions import ActionSpec, BoxActions
 
 @dataclass(frozen=True)
 class Report:
-    """What a callback is told after each validation."""
+    """The state of a training after a validation, as a callback gets it."""
 
     agent: Agent
+    """The agent that is being trained."""
     timestep: int
+    """Environment steps so far."""
     total_timesteps: int
+    """Environment steps of the whole training."""
     metrics: dict[str, float]
-    """Under stable-baselines3's names: ``rollout/ep_rew_mean``, ``eval/mean_reward``, ``time/fps``, …"""
+    """Metrics under stable-baselines3's names: ``rollout/ep_rew_mean``, ``eval/mean_reward``, ``time/fps``, …"""
 
 
 Callback = Callable[[Report], bool | None]
@@ -55,34 +58,36 @@ Callback = Callable[[Report], bool | None]
 
 
 class Agent(abc.ABC):
-    """What PPO and A2C have in common for their users.
+    """The interface of all agents: a policy, an environment, and the training of one on the other.
 
     Args:
-        policy: ``"tree"``, or a rival: ``"mlp"``, a multilayer perceptron; ``"sdt"``, a soft decision tree.
+        policy: ``"tree"``, or a baseline: ``"mlp"``, a multilayer perceptron; ``"sdt"``, a soft decision tree.
         env: An id (``"CartPole-v1"``), a Gymnasium environment, a function that makes one, or an environment
             written in JAX (`sympol.envs.env`).
-        seed: Of everything random. The same seed on the same machine gives the same policy, bit for bit.
+        seed: The seed of everything random, from 0 to 2^32 - 1. On one machine equal seeds give equal policies, bit for
+            bit.
         preset: ``"default"``, ``"paper"`` or a TOML file: the hyperparameters to start from.
-        env_kwargs: What to make the environment with, where it is an id or a function.
-        feature_names: Names for the features, where the environment's own should not do.
-        action_names: Names for the actions, idem.
-        groups: Features that are one-hot together, idem.
-        backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else in our own machine code
-            where that has it and Numba is installed, else on Gymnasium; ``"jax"``, ``"native"`` and ``"host"`` insist.
-        start: A tree to train on from, instead of a random one; or a `Start`, which says more. The depth is by default
-            that of the preset or, where that is less, of the tree.
+        env_kwargs: Arguments to make the environment with, where it is an id or a function.
+        feature_names: Names of the features, in place of the environment's own.
+        action_names: Names of the actions, in place of the environment's own.
+        groups: Features that are one-hot together, in place of the environment's own.
+        backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else on its machine code
+            where Numba is installed, else on Gymnasium; ``"jax"``, ``"native"`` and ``"host"`` choose one.
+        start: A tree to start from, instead of a random one; or a `Start`, which holds more. The depth is by default
+            that of the preset or, if greater, that of the tree.
         freeze: Nodes of the tree to start from that stay as they are; or a condition, such as ``"pole angle > 0.1"``:
-            wherever it holds, the policy does to the end what that tree does.
+            wherever it holds, the policy acts to the end as that tree does.
         config: Any field of `Config`, in place of the preset's.
 
     Raises:
-        ConfigError: a hyperparameter that breaks its rule.
-        UnknownEnvironment: no environment has this id.
-        ValueError: an unsupported space, or a tree to start from that is not for this environment.
+        ConfigError: A hyperparameter breaks its rule.
+        UnknownEnvironment: No environment has this id.
+        ValueError: The seed is out of range, a space is unsupported, or the tree to start from is not for this
+            environment.
     """
 
     algorithm: ClassVar[str]
-    """As in `Config`."""
+    """The name of the algorithm, as in ``Config.algorithm``."""
 
     def __init__(
         self,
@@ -128,7 +133,7 @@ class Agent(abc.ABC):
         self.state: TrainState | None = None
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
-        """What the last `learn` spent compiling."""
+        """Seconds that the last `learn` spent compiling."""
         self.is_training = False
         """Whether `learn` has compiled its program and takes steps."""
         self._warned = self._said_cut = False
@@ -147,16 +152,25 @@ class Agent(abc.ABC):
         *,
         progress_bar: bool = True,
     ) -> Self:
-        """Train; return the agent itself.
+        """Train the policy, or resume a training that was interrupted.
 
-        An interrupted training (Ctrl-C, a callback, an environment that failed, a loaded checkpoint) goes on
-        where it was. ``total_timesteps`` sets the whole length; schedules run over it, so it cannot change
-        once training has begun.
+        A training may be interrupted by Ctrl-C, a callback, an environment that fails, or a checkpoint.
+
+        Args:
+            total_timesteps: Environment steps of the whole training, in place of the config's. Schedules run over
+                them, so the number cannot change once training has begun.
+            callback: One or several functions that get a `Report` after each validation; if one returns False,
+                training ends there.
+            progress_bar: Whether to show progress on the terminal.
+
+        Returns:
+            The agent itself.
 
         Raises:
-            ConfigError: it does not fit into memory; nothing has been trained.
-            RuntimeError: this process was forked from one in which JAX had computed.
-            ValueError: it is trained already, or to be trained for another time than it was begun with.
+            ConfigError: The training does not fit into memory; nothing has been trained.
+            EnvironmentFailure: The environment failed; the agent keeps the last state before it.
+            RuntimeError: This process was forked from one in which JAX had computed.
+            ValueError: The training is complete, or ``total_timesteps`` differs from that of its beginning.
         """
         if total_timesteps is not None and total_timesteps != self.config.total_timesteps:
             if self.state is not None:
@@ -211,7 +225,7 @@ class Agent(abc.ABC):
                 return
 
     def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:
-        """The state in the shape of a tree that is small enough, validated."""
+        """Return the state in the shape of a tree that is small enough, validated."""
         trainer.close()  # there may be no more copies of the environment than it has open
         small = mask_state(state, self._extract(state), self.spec, self.config, self.seed)
         validated = trainer.advance(small, int(small.timestep))
@@ -220,26 +234,52 @@ class Agent(abc.ABC):
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, None]:
-        """The action for one observation or a batch of them, as the environment takes it.
+        """Choose the action for one observation or a batch of them, with the signature of stable-baselines3.
 
-        Returns ``(action, None)``, as in stable-baselines3. Sampling (``deterministic=False``) draws from the
-        leaf's distribution.
+        Args:
+            observation: An observation of the environment, or a batch of them.
+            state: Ignored; the policy has no memory.
+            episode_start: Ignored.
+            deterministic: Whether to choose the best action instead of drawing one from the distribution.
+
+        Returns:
+            The action, or a batch of them, as the environment takes it; and None for the state.
 
         Raises:
-            ValueError: an observation that does not fit the observation space.
+            RuntimeError: There is no policy before `learn`.
+            ValueError: An observation does not fit the observation space.
         """
         x = self.spec.features.flatten(observation)
         actions = self.act(np.atleast_2d(x), deterministic=deterministic, rng=self._rng)
         return (actions[0] if x.ndim == 1 else actions), None
 
     def act(self, x: np.ndarray, *, deterministic: bool, rng: np.random.Generator) -> np.ndarray:
-        """Actions for flat observations ``[batch, features]``, as the environment takes them."""
+        """Choose actions for flat observations.
+
+        Args:
+            x: Observations ``[batch, features]``.
+            deterministic: Whether to choose the best actions instead of drawing from the distribution.
+            rng: The source of randomness to draw with.
+
+        Returns:
+            The actions ``[batch, ...]``, as the environment takes them.
+        """
         values, actions = self.outputs(x), self.actions
         chosen = actions.decide(values) if deterministic else draw(values, actions, rng)
         return fitted_actions(chosen, self.spec.action_space)
 
     def outputs(self, x: np.ndarray) -> np.ndarray:
-        """Logits, or means, ``[batch, outputs]`` for flat observations ``[batch, features]``."""
+        """Compute the actor's outputs for flat observations.
+
+        Args:
+            x: Observations ``[batch, features]``.
+
+        Returns:
+            Logits, or means of continuous actions, ``[batch, outputs]``.
+
+        Raises:
+            RuntimeError: There is no policy before `learn`.
+        """
         if self.has_tree:
             tree = self.tree(prune=False)
             return tree.outputs(x)
@@ -247,12 +287,12 @@ class Agent(abc.ABC):
 
     @property
     def actor(self) -> Actor:
-        """The actor that is the policy: of those validated, the best (``select_best``), or the last."""
+        """The actor that is the policy: the best one validated, or without ``select_best`` the last."""
         return self._actor(self._trained())
 
     @property
     def actions(self) -> ActionSpec:
-        """What the outputs mean, the standard deviation of continuous actions included."""
+        """The meaning of the outputs, with the standard deviation of continuous actions."""
         if self.state is None and self.start is not None:
             return self.start.tree.actions
         return self._actions(self.actor) if isinstance(self.spec.actions, BoxActions) else self.spec.actions
@@ -265,7 +305,7 @@ class Agent(abc.ABC):
 
     @property
     def has_tree(self) -> bool:
-        """Whether the policy is a tree, so that `tree` can give it."""
+        """True where the policy is a tree, so that `tree` returns it."""
         return self.config.policy == "tree"
 
     def _actor(self, state: TrainState) -> Actor:
@@ -277,17 +317,21 @@ class Agent(abc.ABC):
         return self.state
 
     def tree(self, *, prune: bool = True) -> DecisionTree:
-        """The policy: of the trees validated, the best (``select_best``), or the last.
+        """Return the policy as a tree: the best one validated, or without ``select_best`` the last.
 
-        Pruning changes no action for any observation within the space's bounds; where all observations there can be
-        are listed (MiniGrid's small tasks), for any of those. ``prune=False`` is the complete tree of depth
-        ``config.depth``, with the leaf distributions as trained. Before `learn` it is the tree to start from.
+        With ``max_nodes`` or ``node_price`` the tree is never larger than they allow, whatever ``prune`` is. In the
+        first part of a training that takes a while, as the tree is pruned by return when this method is called.
 
-        With ``max_nodes`` or ``node_price`` it is never larger than they allow, ``prune=False`` included: in the first
-        part of the training it is pruned by what it earns when it is asked for, which takes a while.
+        Args:
+            prune: Whether to remove splits that change no action for any observation within the space's bounds or,
+                where the environment lists its observations, for any of those. Otherwise the result is the complete
+                tree of depth ``config.depth``, with the leaf distributions as trained.
+
+        Returns:
+            The tree; before `learn`, the one to start from.
 
         Raises:
-            RuntimeError: before `learn` if there is nothing to start from, or of a policy that is no tree.
+            RuntimeError: There is neither a trained policy nor a tree to start from, or the policy is no tree.
         """
         if self.start is None:
             self._trained()
@@ -306,9 +350,11 @@ class Agent(abc.ABC):
     def save(self, path: str | PathLike[str]) -> None:
         """Write the agent as a run's folder; an earlier run of that name is replaced.
 
+        Args:
+            path: The folder.
+
         Raises:
-            RunError: a folder of that name that is not a run, or in which another process writes, or that cannot be
-                written.
+            RunError: The folder is not a run's, another process writes in it, or it cannot be written.
         """
         with Run.create(
             Path(path),
@@ -327,7 +373,14 @@ class Agent(abc.ABC):
                     run.save_tree(self.tree())
 
     def metadata(self) -> dict[str, Any]:
-        """What readers are told of a tree made of this policy: actions, names and bounds of the features, groups."""
+        """Return the fields of a `DecisionTree` made of this policy that describe its features and actions.
+
+        Returns:
+            Keyword arguments of `DecisionTree`: actions, names and bounds of the features, groups.
+
+        Raises:
+            RuntimeError: There is no policy before `learn`.
+        """
         return self._metadata(self._trained())
 
     def _metadata(self, state: TrainState) -> dict[str, Any]:
@@ -344,7 +397,7 @@ class Agent(abc.ABC):
         return extract(actor, shift, scale, **self._metadata(state))
 
     def _limited(self) -> DecisionTree:
-        """The tree to start from, or as it is trained; within the limit, if there is one."""
+        """Return the tree to start from or the trained one, within the size limit, if there is one."""
         begun = self.state is None and self.start is not None
         tree = self.start.tree if begun else self._extract(self._trained())  # pyright: ignore[reportOptionalMemberAccess]
         if not has_limit(self.config) or self.num_timesteps >= prune_step(self.config):
@@ -354,9 +407,10 @@ class Agent(abc.ABC):
 
 @final
 class PPO(Agent):
-    """Proximal policy optimisation; see `Agent` for the arguments."""
+    """Proximal policy optimization; see `Agent` for the arguments."""
 
     algorithm = "ppo"
+    """The name in `Config`."""
 
 
 @final
@@ -364,6 +418,7 @@ class A2C(Agent):
     """Advantage actor-critic: one update a rollout; see `Agent` for the arguments."""
 
     algorithm = "a2c"
+    """The name in `Config`."""
 
 
 def agent_class(algorithm: str) -> type[Agent]:
@@ -388,10 +443,20 @@ def agent_class(algorithm: str) -> type[Agent]:
 
 
 def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = None) -> Agent:
-    """An agent of the config's algorithm, its config just that, that begins with ``start`` if there is one.
+    """Return an untrained agent with exactly this config.
+
+    Args:
+        spec: The environment.
+        config: The config, which also names the algorithm and the policy.
+        seed: The seed of everything random.
+        start: The tree to start from, if there is one.
+
+    Returns:
+        The agent.
 
     Raises:
-        ConfigError, ValueError: the tree to start from fits neither config nor environment.
+        ConfigError: The tree to start from does not fit the config.
+        ValueError: The tree to start from does not fit the environment.
     """
     agent = agent_class(config.algorithm)(config.policy, spec, seed=seed)
     agent.config, agent.spec = config, spec.trained_with(config.num_envs)
@@ -417,7 +482,8 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
         The agent.
 
     Raises:
-        RunError: no run there, made by another version, all its checkpoints are damaged, or ``env`` is needed.
+        RunError: There is no run there, another version made it, all its checkpoints are damaged, or ``env`` is
+            needed.
     """
     return load_run(Run.open(Path(path), env))
 

@@ -1,1 +1,1 @@
-"""Learners: how experience becomes a better policy."""
+"""Algorithms that train policies, and the loop that runs them."""

@@ -27,7 +27,7 @@ Metrics = dict[str, Float[Array, ""]]
 
 
 class Experience(NamedTuple):
-    """What one rollout brought.
+    """The experience of one rollout.
 
     Attributes:
         rollout: Transitions ``[chunks, steps, envs, ...]`` with scaled observations, of which the first
@@ -50,7 +50,7 @@ class Algorithm(abc.ABC):
     """The pure functions of one algorithm; they run inside the compiled program.
 
     Args:
-        config: The static part of the configuration. Its traced numbers come to `update` as ``hyper``.
+        config: The static part of the configuration. Its traced numbers are passed to `update` as ``hyper``.
         distribution: The distribution over actions that the actor's outputs parametrize.
         num_features: The number of features of a flat observation.
     """

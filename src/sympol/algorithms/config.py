@@ -36,7 +36,7 @@ class Config:
     """The algorithm: ppo, proximal policy optimization; a2c, advantage actor-critic; or one added to ALGORITHMS."""
 
     policy: Literal["tree", "mlp", "sdt"] = knob("tree")
-    """The actor: a hard decision tree, or a rival: a multilayer perceptron or a soft decision tree."""
+    """The actor: a hard decision tree, or a baseline: a multilayer perceptron or a soft decision tree."""
 
     total_timesteps: int = knob(1_000_000, low=1, high=MAX_TIMESTEPS)
     """Environment steps to train for. The rollout in which they are reached is completed."""
@@ -219,18 +219,26 @@ class Config:
 
     @property
     def max_stage(self) -> int:
-        """How often the rollout doubles; however large `growth`, it never outgrows a stage of the training."""
+        """The number of times the rollout doubles; whatever `growth` is, it never outgrows a stage of the training."""
         if not self.dynamic_rollout:
             return 0
         fit = int(math.log2(max(1, self.total_timesteps // NUM_STAGES // self.chunk_size)))
         return min(NUM_STAGES - 1, int(math.log2(self.growth)), fit)
 
     def hyperparameters(self) -> Hyperparameters:
-        """Return the traced fields as float32 numbers."""
+        """Return the traced fields.
+
+        Returns:
+            Float32 scalars, as the compiled program takes them.
+        """
         return Hyperparameters(*(np.float32(getattr(self, name)) for name in Hyperparameters._fields))
 
     def static(self) -> Config:
-        """Return the config with all fields that no program depends on at their defaults: the key of a program."""
+        """Return the config with the defaults of all fields that do not change the compiled program.
+
+        Returns:
+            The key of a program: configs with equal keys share one.
+        """
         others = (*Hyperparameters._fields, *SIZE_LIMITS)
         return dataclasses.replace(self, **{name: getattr(type(self), name) for name in others})
 
@@ -258,7 +266,8 @@ class Config:
     def to_dict(self) -> dict[str, Any]:
         """Return the fields that this policy and algorithm have, as plain values for TOML and JSON.
 
-        The limits of a tree's size are left out where they do not limit anything.
+        Returns:
+            Values by field. The limits of a tree's size are left out where they do not limit anything.
         """
         return {
             name: list(value) if isinstance(value, tuple) else value

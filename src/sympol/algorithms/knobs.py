@@ -37,7 +37,16 @@ class Range:
 
 @dataclass(frozen=True)
 class Knob:
-    """The rule of one field of the config; see `knob` for the attributes."""
+    """The rule of one field of the config.
+
+    Args:
+        low: The smallest value allowed, for numbers.
+        high: The largest value allowed, for numbers.
+        choices: The words allowed; any word if empty.
+        only: The policies and algorithms that have the field; all of them if empty.
+        traced: Whether the compiled program takes the value as an argument.
+        search: What a hyperparameter search draws from, where the field is searched.
+    """
 
     low: float | None = None
     high: float | None = None

@@ -94,14 +94,32 @@ class Loop:
         return self._record(state, score)._replace(was_cut=was_cut)
 
     def iterate(self, hyper: Hyperparameters, state: TrainState, buffer: Any) -> tuple[TrainState, Any]:
-        """Collect a rollout and learn from it."""
+        """Collect a rollout and learn from it.
+
+        Args:
+            hyper: The traced hyperparameters.
+            state: The state before the rollout.
+            buffer: The buffer that `Rollouts.buffer` returned, or the last rollout in it.
+
+        Returns:
+            The state after the update, and the buffer for the next rollout.
+        """
         state, stage, collect_key, learn_key = self._plan(state)
         state, experience = self.rollouts.collect(state, buffer, stage, collect_key)
         state = self._learn(hyper, state, experience, learn_key)
         return state, None if buffer is None else experience.rollout
 
     def begin(self, hyper: Hyperparameters, seed: Int[Array, ""], given: TrainState) -> TrainState:
-        """Return the state before the first step, with the actor of a given state for a warm start."""
+        """Make the state before the first step.
+
+        Args:
+            hyper: The traced hyperparameters.
+            seed: The seed of the training.
+            given: The state whose actor a warm start begins with; otherwise unused.
+
+        Returns:
+            The state, with its environments reset.
+        """
         state = self._random(hyper, seed)
         return install_actor(state, given.networks.actor, given.warm) if self.warm else state
 
@@ -132,7 +150,11 @@ class Loop:
         return state._replace(metrics=zeros_of(metrics))
 
     def experience_shape(self) -> Experience:
-        """Return the shapes of the longest rollout."""
+        """Compute the shapes of the longest rollout.
+
+        Returns:
+            The experience, with `jax.ShapeDtypeStruct` in place of arrays.
+        """
         algorithm, config = self.algorithm, self.config
 
         def largest() -> Experience:
@@ -144,24 +166,50 @@ class Loop:
     def compile_learn(
         self, hyper: Hyperparameters, seed: Int[Array, ""], state: TrainState, *_: Any
     ) -> float:
-        """Compile the update for arguments of `segment`, unless that is done, and return the seconds it took.
+        """Compile the update, unless that is done; for `HostRollouts`, where little else is compiled.
 
-        This is for `HostRollouts`, where the update is nearly all there is to compile.
+        Args:
+            hyper: The traced hyperparameters.
+            seed: The seed of the training.
+            state: A state with the shapes of the training.
+            _: The other arguments of `segment`, which are ignored.
+
+        Returns:
+            The seconds it took.
         """
         compiled: Any = self._learn
         return compiled.compile(hyper, state, self.experience_shape(), purpose_key(seed, "train"))
 
     def template(self) -> TrainState:
-        """Return a state of zeros; no environment is opened for it."""
+        """Make a state of zeros; no environment is opened for it.
+
+        Returns:
+            A state with the shapes and types of every state of this training.
+        """
         shapes = jax.eval_shape(self._random, self.config.hyperparameters(), np.uint32(0))
         return jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), shapes)
 
     def is_unfinished(self, state: TrainState, stop: Int[Array, ""]) -> Any:
-        """Return whether there is to be another rollout: not where the features cannot be scaled."""
+        """Return whether another rollout follows.
+
+        Args:
+            state: The state of the training.
+            stop: The timestep to reach.
+
+        Returns:
+            True before that timestep, unless the features cannot be scaled, which ends the training.
+        """
         return (state.timestep < stop) & state.normalizer.is_valid()
 
     def plan(self, state: TrainState) -> tuple[TrainState, Int[Array, ""], PRNGKeyArray, PRNGKeyArray]:
-        """Return the state with its next key, the stage, and the keys of the next rollout and its update."""
+        """Determine the size and the keys of the next rollout.
+
+        Args:
+            state: The state of the training.
+
+        Returns:
+            The state with its next key, the stage, the key of the rollout, and the key of its update.
+        """
         key, collect_key, learn_key = jax.random.split(jax.random.wrap_key_data(state.key), 3)
         k = stage(state.timestep, self.config.total_timesteps, self.config.max_stage)
         return state._replace(key=jax.random.key_data(key)), k, collect_key, learn_key
@@ -169,7 +217,17 @@ class Loop:
     def learn(
         self, hyper: Hyperparameters, state: TrainState, experience: Experience, key: PRNGKeyArray
     ) -> TrainState:
-        """Update the networks; or, with the first rollout, fit what is fitted to data before the first update."""
+        """Update the networks, or fit scales and thresholds to the first rollout.
+
+        Args:
+            hyper: The traced hyperparameters.
+            state: The state after the rollout.
+            experience: The rollout.
+            key: The key of everything random in the update.
+
+        Returns:
+            The state after the update, its counters advanced.
+        """
         config, scaling, rollout = self.config, self._scaling, experience.rollout
         state = watch_bounds(self.rollouts.bounds, state, rollout, experience.num_chunks)
 
@@ -194,7 +252,15 @@ class Loop:
         return state._replace(timestep=timestep, iteration=state.iteration + 1)
 
     def record(self, state: TrainState, score: Array) -> TrainState:
-        """Record a validation: the best actor, the learning rates, and with ``rollback`` the actor to continue from."""
+        """Record a validation: the best actor, the learning rates, and with ``rollback`` the actor to continue from.
+
+        Args:
+            state: The state that was validated.
+            score: The mean return of the validation.
+
+        Returns:
+            The state to continue from.
+        """
         config, networks = self.config, state.networks
         validation = state.validation.update(
             score, state.timestep, networks.actor, reduce_lr=config.reduce_lr

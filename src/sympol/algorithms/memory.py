@@ -1,4 +1,4 @@
-"""Whether a training fits into memory, known before it begins rather than from the kernel that ends it.
+"""Check before a training begins that it fits into memory, so that the kernel does not end it later.
 
 Two numbers are compared with the machine's. The smaller follows from shapes alone: every training writes its longest
 rollout and three numbers for each of its samples, and holds them all at once. The larger is XLA's plan of the compiled
@@ -63,12 +63,12 @@ def require_room(executable: Any) -> None:
 
 
 def size_of(arrays: Any) -> int:
-    """Bytes of a pytree of arrays, or of their shapes."""
+    """Return the bytes of a pytree of arrays, or of their shapes."""
     return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(arrays))
 
 
 def device_memory() -> tuple[int, str]:
-    """Bytes that JAX may use on its first device, and what that is."""
+    """Return the bytes that JAX may use on its first device, and a text that names the limit."""
     device = jax.devices()[0]
     if device.platform == "cpu":
         return machine_memory()

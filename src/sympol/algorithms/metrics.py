@@ -1,4 +1,4 @@
-"""What a training reports between two segments, and the check that its numbers are finite."""
+"""Metrics that a training reports between two segments, and the check that its numbers are finite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What on-policy algorithms share: samples with advantages out of a rollout, and the schedules of coefficients."""
+"""Functions that on-policy algorithms share: samples with advantages, and the schedules of coefficients."""
 
 from __future__ import annotations
 
@@ -39,7 +39,16 @@ class Batch(NamedTuple):
 def coefficients(
     config: Config, hyper: Hyperparameters, state: TrainState
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return the weight of the entropy bonus and the factor of all learning rates at this point of the training."""
+    """Compute the weight of the entropy bonus and the factor of all learning rates at this point of the training.
+
+    Args:
+        config: The configuration.
+        hyper: The traced hyperparameters.
+        state: The state of the training.
+
+    Returns:
+        The weight, and the factor for `apply_gradients`.
+    """
     progress = state.timestep.astype(jnp.float32) / config.total_timesteps
     rate = _linear(progress, hyper.lr_end_factor) * state.validation.lr_factor
     return hyper.ent_coef * _linear(progress, hyper.ent_end_factor), rate

@@ -63,7 +63,7 @@ def preset(
 
 
 def is_path(name: str) -> bool:
-    """Whether a preset is a file of the user's."""
+    """Return whether a preset is a file of the user's."""
     return name.endswith(".toml") or "/" in name or os.sep in name
 
 

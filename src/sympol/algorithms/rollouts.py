@@ -1,4 +1,4 @@
-"""Where experience comes from.
+"""Sources of experience.
 
 `Rollouts` is the interface; it has two implementations. `JaxRollouts` steps environments that are written in JAX inside
 the compiled program; `sympol.algorithms.host_rollouts` steps Gymnasium environments on the host, and only what happens
@@ -58,27 +58,67 @@ class Rollouts(abc.ABC):
         Args:
             function: A pure function.
             ahead: Whether it is so large that it is to be compiled before its first call, by `Compiled.compile`.
+
+        Returns:
+            The function to call in its place.
         """
 
     @abc.abstractmethod
     def cond(self, condition: Any, on_true: Callable[[], Any], on_false: Callable[[], Any]) -> Any:
-        """Return the result of one of two functions, see `jax.lax.cond`."""
+        """Call one of two functions, as `jax.lax.cond` does.
+
+        Args:
+            condition: A boolean scalar.
+            on_true: The function to call if it is true.
+            on_false: The function to call otherwise.
+
+        Returns:
+            The result of the function.
+        """
 
     @abc.abstractmethod
     def while_loop(self, condition: Callable[[Any], Any], body: Callable[[Any], Any], carry: Any) -> Any:
-        """Apply ``body`` to the carry, whose first part is the state, while a condition holds."""
+        """Repeat a function while a condition holds, as `jax.lax.while_loop` does.
+
+        Args:
+            condition: A function of the carry.
+            body: A function of the carry that returns the next one.
+            carry: A tuple whose first part is the state of the training.
+
+        Returns:
+            The last carry.
+        """
 
     @abc.abstractmethod
     def reset(self, state: TrainState) -> TrainState:
-        """Begin the first episodes of a new training."""
+        """Begin the first episodes of a new training.
+
+        Args:
+            state: The state of the training, without environments.
+
+        Returns:
+            The state with environments that have been reset.
+        """
 
     @abc.abstractmethod
     def begin_segment(self, state: TrainState, seed: Any) -> TrainState:
-        """Prepare for the rollouts until the next validation; episode statistics start from zero."""
+        """Prepare for the rollouts until the next validation; episode statistics start from zero.
+
+        Args:
+            state: The state of the training.
+            seed: The seed of the training.
+
+        Returns:
+            The state to continue from.
+        """
 
     @abc.abstractmethod
     def buffer(self) -> Transition | None:
-        """Return a buffer for the longest rollout, or None where `collect` makes its own."""
+        """Allocate the memory of rollouts.
+
+        Returns:
+            A buffer for the longest rollout, or None where `collect` makes its own.
+        """
 
     @abc.abstractmethod
     def collect(

@@ -35,7 +35,7 @@ def make_mesh(num_devices: int) -> Mesh:
 
 
 def shardings(mesh: Mesh, state: TrainState) -> TrainState:
-    """Where each array of a state lies: what has a row an environment is divided, all else is everywhere."""
+    """Return where each array of a state lies: one with a row per environment is divided, others are on each device."""
     whole, rows = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
     everywhere: TrainState = jax.tree.map(lambda _: whole, state)
 

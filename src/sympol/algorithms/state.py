@@ -20,7 +20,7 @@ PATIENCE = 5
 
 
 class Networks(NamedTuple):
-    """What is trained; actor and critic share no parameters.
+    """The parameters that are trained; actor and critic share no parameters.
 
     Attributes:
         actor: The policy, an `Actor`.
@@ -130,7 +130,7 @@ class Validation(NamedTuple):
 
 
 class WarmStartState(NamedTuple):
-    """What a training that started from a tree remembers of it (`sympol.algorithms.warm_start`).
+    """The parts of the state that only a training that started from a tree has (`sympol.algorithms.warm_start`).
 
     Attributes:
         kept: The splits that came from the tree; the others pad it to a complete tree.

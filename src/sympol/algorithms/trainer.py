@@ -51,7 +51,7 @@ def make_loop(source: Env | EnvSpec, config: Config, *, warm: bool = False, mesh
 
 
 class Program:
-    """What all seeds of one static configuration share: the compiled loop. The arguments are those of `make_loop`."""
+    """The compiled loop that all seeds of one static configuration share; its arguments are those of `make_loop`."""
 
     def __init__(self, source: Env | EnvSpec, config: Config, *, warm: bool = False) -> None:
         mesh = None if config.num_devices == 1 else make_mesh(config.num_devices)
@@ -119,7 +119,11 @@ class Trainer:
         return None if state is None else state._replace(was_cut=None)
 
     def compile(self) -> float:
-        """Compile, unless this process has done so before, and return the seconds it took."""
+        """Compile, unless this process has done so before.
+
+        Returns:
+            The seconds it took.
+        """
         return self._program.compile(*self._arguments(None, 0))
 
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
@@ -140,7 +144,11 @@ class Trainer:
         return state._replace(was_cut=None)
 
     def template(self) -> TrainState:
-        """Return a state of the right shapes, whose values mean nothing."""
+        """Return a state of zeros, for instance to load a checkpoint into; no environment is opened for it.
+
+        Returns:
+            A state with the shapes and types of every state of this training.
+        """
         return self._program.template._replace(was_cut=None)
 
     def close(self) -> None:

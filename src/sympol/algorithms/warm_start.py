@@ -1,4 +1,4 @@
-"""Where training begins if not with random networks: at a tree, be it trained, distilled, edited or written by hand."""
+"""Warm starts: training that begins with a tree, be it trained, distilled, edited or written by hand."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class Start:
     """A tree to train on from, and how. Before the first update the policy is that tree, action for action.
 
     Args:
-        tree: of any shape, not deeper than the config's depth.
-        freeze: nodes of the tree that stay as they are: splits keep feature and threshold, leaves their values.
-        confidence: how probable the action of a leaf becomes that is all but sure of it (`leaf_logits`). Frozen leaves
-            keep what they have.
-        critic_warmup: the part of the training in which only the critic learns. A critic that knows nothing yet would
-            teach the tree nonsense.
-        origin: where the tree is from, in words.
-        origin_return: what it earned there, if that is known.
+        tree: A tree of any shape, not deeper than the config's depth.
+        freeze: Nodes of the tree that stay as they are: splits keep feature and threshold, leaves their values.
+        confidence: The probability that a leaf's best action gets where it is almost 1 (`leaf_logits`). Frozen leaves
+            keep theirs.
+        critic_warmup: The part of the training, from 0 to less than 1, in which only the critic learns; an untrained
+            critic would mislead the tree.
+        origin: A description of the tree's origin.
+        origin_return: The mean return of the tree there, if it is known.
 
     Raises:
-        ValueError: nodes that the tree does not have, or numbers out of their range.
+        ValueError: The tree has no such node, or a number is out of its range.
     """
 
     tree: DecisionTree
@@ -58,10 +58,16 @@ class Start:
         leaf_logits(self.tree, self.confidence)  # raises
 
     def fitted(self, spec: EnvSpec) -> Start:
-        """The same start under the names and bounds of an environment.
+        """Return the same start with the names and bounds of an environment.
+
+        Args:
+            spec: The environment.
+
+        Returns:
+            The start, its tree described as the environment's.
 
         Raises:
-            ValueError: the tree is for other features or actions.
+            ValueError: The tree is for other features or actions.
         """
         tree, features = self.tree, spec.features
         _check_features(tree, spec)
@@ -72,7 +78,14 @@ class Start:
         return replace(self, tree=replace(tree, actions=actions, **features.metadata()))
 
     def check(self, config: Config) -> None:
-        """Raise ConfigError unless a policy of this config can start from the tree."""
+        """Check that a policy of a config can start from the tree.
+
+        Args:
+            config: The config.
+
+        Raises:
+            ConfigError: The policy is no tree, the tree is too deep, or nodes are frozen that a size limit would prune.
+        """
         if config.policy != "tree":
             raise ConfigError(
                 f"only a tree can start from a tree; policy is {config.policy!r}, leave start out"
@@ -89,11 +102,22 @@ class Start:
             )
 
     def deepened(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """A preset's values, with a depth into which the tree fits."""
+        """Return a preset's values with a depth into which the tree fits.
+
+        Args:
+            values: Fields of a config by name.
+
+        Returns:
+            The values, with a depth of at least the tree's.
+        """
         return {**values, "depth": max(values.get("depth", Config.depth), self.tree.depth)}
 
     def about(self) -> dict[str, Any]:
-        """What a run's config says of it; the tree itself is in a file beside it."""
+        """Return the start as a run's config stores it; the tree is in a file beside it.
+
+        Returns:
+            Plain values for TOML.
+        """
         known = {} if self.origin_return is None else {"return_mean": self.origin_return}
         return {
             "origin": self.origin,
@@ -105,17 +129,34 @@ class Start:
 
     @classmethod
     def from_about(cls, tree: DecisionTree, about: dict[str, Any]) -> Start:
-        """What `about` said, with its tree.
+        """Return the start that `about` described.
+
+        Args:
+            tree: The tree.
+            about: The result of `about`.
+
+        Returns:
+            The start.
 
         Raises:
-            TypeError, ValueError: it did not say that.
+            KeyError: An entry is missing.
+            TypeError: An entry is unknown or has another type.
+            ValueError: An entry is out of its range.
         """
         known = dict(about)
         origin_return, freeze = known.pop("return_mean", None), known.pop("freeze")
         return cls(tree, freeze=tuple(freeze), origin_return=origin_return, **known)
 
     def parameters(self, config: Config, seed: int) -> tuple[Tree, WarmStartState]:
-        """The actor to begin with, over raw observations, and what is to be remembered of it; all on the host."""
+        """Compute the parameters of the actor that training begins with, on the host.
+
+        Args:
+            config: The config of the training.
+            seed: The seed of the training, for the splits that the tree does not have.
+
+        Returns:
+            The actor over raw observations, and the state that keeps its frozen parts.
+        """
         where = places(self.tree, config.depth)
         frozen = np.isin(np.arange(self.tree.n_nodes), self.freeze)
         actor: Tree = embed(
@@ -136,10 +177,19 @@ class Start:
 
 
 def start_of(start: DecisionTree | Start | None, freeze: Iterable[int] | str, spec: EnvSpec) -> Start | None:
-    """What a user gave to start from and to freeze, under the names of an environment.
+    """Make a `Start` of a user's arguments, with the names of an environment.
+
+    Args:
+        start: A tree, a `Start`, or None for a random beginning.
+        freeze: Nodes of the tree, or a condition that selects them.
+        spec: The environment.
+
+    Returns:
+        The start, or None.
 
     Raises:
-        ValueError: something to freeze of no tree, or that the tree does not have, or a tree for something else.
+        ValueError: ``freeze`` is given without a tree or names nodes that it does not have, or the tree is for other
+            features or actions.
     """
     if start is None:
         if freeze:
@@ -171,7 +221,7 @@ def install_actor(state: TrainState, actor: Tree, warm: WarmStartState | None) -
 
 
 def _all_below(leaves: Bool[np.ndarray, " leaves"]) -> Bool[np.ndarray, " inner"]:
-    """For each split of a complete tree whether all leaves below it are marked."""
+    """Return, for each split of a complete tree, whether all leaves below it are marked."""
     levels = [leaves]
     while levels[-1].size > 1:
         left, right = levels[-1].reshape(-1, 2).T
