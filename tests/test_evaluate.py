@@ -16,7 +16,7 @@ from sympol.envs.diagnostics import EpisodesCut, SameEpisodes
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 from sympol.play import MAX_EPISODE_STEPS, episode_seed, play, sample_actions
-from sympol.search.evaluators.base import make_evaluator
+from sympol.search.evaluators import make_evaluator
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 
 from .tiny import Chain, trained

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.search.evaluators.base import Evaluator, make_evaluator
+from sympol.search.evaluators import Evaluator, make_evaluator
 from sympol.search.evaluators.jax import JaxEvaluator
 from sympol.search.evaluators.tabular import TabularEvaluator
 from sympol.trees import DecisionTree

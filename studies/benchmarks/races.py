@@ -20,7 +20,7 @@ from studies.galleries.fronts import load
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.search.evaluators.base import make_evaluator
+from sympol.search.evaluators import make_evaluator
 from sympol.search.insert_splits import apply_insertions, sample_insertions
 from sympol.search.prunings import apply_prunings, prune_moves
 from sympol.trees import DecisionTree

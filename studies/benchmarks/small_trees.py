@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 import sympol
-from sympol.search.evaluators.base import Evaluator, make_evaluator
+from sympol.search.evaluators import Evaluator, make_evaluator
 from sympol.search.prune_by_return import prune_by_return
 from sympol.search.round_thresholds import digits_of, round_thresholds
 from sympol.trees import DecisionTree

@@ -3,7 +3,7 @@
 Searches that took only some roads are kept apart, in ``studies/results/fronts/roads``: beside the whole ones they
 show what each method brings.
 
-``python -m studies.galleries.fronts [FOLDER ...]`` keeps what `Front.save` wrote in those folders, and
+``python -m studies.galleries.fronts [FOLDER ...]`` keeps what `save_front` wrote in those folders, and
 writes the page
 anew. A file holds several whole runs of one task, their trees with them; nothing on the page is typed by hand.
 """
@@ -23,7 +23,7 @@ from sympol.results.json_io import dumps
 from sympol.results.seeds import require_training_seed
 from sympol.runs.metadata import file_name
 from sympol.search.front.config import SHARES
-from sympol.search.front.files import fields_of, front_from, point_fields, read_json
+from sympol.search.front.files import fields_of, front_from, load_front, point_fields, read_json
 from sympol.search.front.front import Front, FrontError, Point, require_one_task
 from sympol.search.front.plot import plot
 from sympol.search.front.tables import markdown
@@ -177,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--readme", action="store_true", help="print the gallery of the README")
     given = parser.parse_args(arguments)
     try:
-        kept = keep([Front.load(folder) for folder in given.folders], given.root)
+        kept = keep([load_front(folder) for folder in given.folders], given.root)
         tasks = load_all(given.root)
         parts = [load_parts(given.root, fronts[0].environment) for fronts in tasks]
         written = write_docs(tasks, given.root / "docs", parts)

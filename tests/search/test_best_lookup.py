@@ -11,8 +11,8 @@ import pytest
 from sympol.envs.capabilities import UNREACHABLE, steps_to_goal
 from sympol.envs.minigrid.state_graph import all_starts
 from sympol.search.best_lookup import best_lookup
+from sympol.search.budget import Budget
 from sympol.search.evaluators.tabular import TabularEvaluator, play_table
-from sympol.search.evolve import Budget
 from tests.envs import minigrid_worlds
 
 from .loops import spec_of

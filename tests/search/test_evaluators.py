@@ -14,9 +14,9 @@ from sympol.envs.adapters.gymnasium import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.play import WORDS, episode_seed, play
+from sympol.search.evaluators import Evaluator, Returns, make_evaluator
 from sympol.search.evaluators import jax as batched
 from sympol.search.evaluators import jax as compiled
-from sympol.search.evaluators.base import Evaluator, Returns, make_evaluator
 from sympol.search.evaluators.packed_trees import MAX_LEAVES
 from sympol.trees import BoxActions, DecisionTree, DiscreteActions
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from sympol.envs.registry import resolve
+from sympol.search.budget import Budget
 from sympol.search.evaluators.base import Evaluator, Returns
-from sympol.search.evolve import ELITES, Archive, Budget, Entry, archive_sizes, evolve
+from sympol.search.evolve import ELITES, Archive, Entry, archive_sizes, evolve
 from sympol.search.mutations import Leaf, Split, num_nodes
 from sympol.trees import DecisionTree
 

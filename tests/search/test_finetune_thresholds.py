@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sympol.search.evolve import Budget
+from sympol.search.budget import Budget
 from sympol.search.finetune_thresholds import (
     JUDGING_FACTOR,
     MAX_EPISODE_FACTOR,

@@ -11,7 +11,7 @@ import pytest
 from sympol.envs.registry import resolve
 from sympol.play import episode_seed, play
 from sympol.search.evaluators import gymnasium as hosted
-from sympol.search.evaluators.base import make_evaluator
+from sympol.search.evaluators import make_evaluator
 
 from .loops import SEED, grown
 

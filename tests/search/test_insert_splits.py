@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sympol.search.evolve import Budget
+from sympol.search.budget import Budget
 from sympol.search.insert_splits import apply_insertions, insert_splits, resplit, sample_insertions
 from sympol.search.prune_by_return import Effort
 from sympol.trees import DecisionTree

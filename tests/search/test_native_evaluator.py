@@ -8,7 +8,7 @@ import pytest
 from sympol.envs.lunar_lander.batch import Flights, engines
 from sympol.envs.registry import resolve
 from sympol.play import episode_seed
-from sympol.search.evaluators.base import make_evaluator
+from sympol.search.evaluators import make_evaluator
 from sympol.search.evaluators.native import NativeEvaluator
 from sympol.search.insert_splits import apply_insertions as planted
 from sympol.search.insert_splits import sample_insertions

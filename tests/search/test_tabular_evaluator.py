@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sympol.distill.cart import fit_cart
-from sympol.search.evaluators import tabular
-from sympol.search.evaluators.base import Returns, make_evaluator
+from sympol.search.evaluators import Returns, make_evaluator, tabular
 from sympol.search.evaluators.jax import JaxEvaluator
 from sympol.search.evaluators.tabular import TabularEvaluator
 

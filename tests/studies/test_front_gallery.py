@@ -22,6 +22,7 @@ from studies.galleries.fronts import (
 )
 
 from sympol.envs.registry import resolve
+from sympol.search.front.files import save_front
 from sympol.search.front.front import EvaluatedCandidate, FrontError, best_under_sizes
 
 from ..search.front.synthetic import front, ladder, point
@@ -110,7 +111,7 @@ def test_folders_become_a_page_with_all_its_pictures(tmp_path, capsys):
     spec = resolve("CartPole-v1")
     folders = [tmp_path / f"cp{seed}" for seed in range(2)]
     for seed, folder in enumerate(folders):
-        front([point(5, 480 + seed), point(7, 500)], seed=seed).save(folder, spec)
+        save_front(front([point(5, 480 + seed), point(7, 500)], seed=seed), folder, spec)
     assert main([*map(str, folders), "--root", str(tmp_path)]) == 0
     said = [Path(line) for line in capsys.readouterr().out.splitlines()]
     text = (tmp_path / "docs" / "fronts.md").read_text()

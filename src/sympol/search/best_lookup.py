@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from ..envs.capabilities import StateGraph, steps_to_goal
+from .budget import Budget
 from .evaluators.tabular import TabularEvaluator, path, play_table
-from .evolve import Budget
 
 EPISODES = 1024
 """Whose starts are looked at."""

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..trees import DecisionTree
+from .budget import Budget
 from .evaluators.base import Evaluator
 from .mutations import Mutator, NestedTree, from_nested, num_nodes, to_nested
 
@@ -108,15 +109,6 @@ GENERATIONS = 12
 """Of a epoch."""
 PATIENCE = 4
 """How often changes are drawn for a generation that has too few new ones."""
-
-
-@dataclass(frozen=True)
-class Budget:
-    """How long to search: until one of the two is spent."""
-
-    steps: float = np.inf
-    """Environment steps."""
-    seconds: float = np.inf
 
 
 class EvolutionResult(NamedTuple):

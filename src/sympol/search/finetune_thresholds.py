@@ -27,8 +27,8 @@ from jaxtyping import Float, Float32, Int
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from ..trees.floats import flushed
+from .budget import Budget
 from .evaluators.base import Evaluator
-from .evolve import Budget
 
 POPULATION_FACTOR = 2
 """How many trees are sample, in times of what CMA-ES draws by default: of many that are judged by chance, too, the mean

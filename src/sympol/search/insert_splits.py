@@ -27,9 +27,9 @@ from jaxtyping import Float32
 
 from ..trees import DecisionTree
 from ..trees.edit import graft_all, leaf_tree, split_tree, subtree, subtree_end
+from .budget import Budget
 from .comparison import ReturnCache, successive_halving
 from .evaluators.base import Evaluator
-from .evolve import Budget
 from .finetune_thresholds import finetune_thresholds
 from .mutations import Leaf, Mutator
 from .prune_by_return import Effort, default_effort, prune_path

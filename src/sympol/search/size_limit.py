@@ -18,7 +18,7 @@ from ..algorithms.state import TrainState
 from ..algorithms.trainer import stops
 from ..envs.spec import EnvSpec
 from ..trees import DecisionTree
-from .evaluators.base import make_evaluator
+from .evaluators import make_evaluator
 from .masking import mask_nodes
 from .prune_by_return import prune_by_return
 

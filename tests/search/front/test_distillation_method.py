@@ -11,8 +11,8 @@ import pytest
 from sympol import DecisionTree
 from sympol.distill import distill
 from sympol.envs.registry import resolve
-from sympol.search.evaluators.base import make_evaluator
-from sympol.search.evolve import Budget
+from sympol.search.budget import Budget
+from sympol.search.evaluators import make_evaluator
 from sympol.search.front import distillation_method as road
 from sympol.search.front import finetune_schedule as polishing
 from sympol.search.front.candidates import Candidate, load_candidates, save_candidates

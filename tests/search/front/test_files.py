@@ -13,7 +13,7 @@ from sympol.evaluate import evaluate_policy
 from sympol.play import play
 from sympol.runs.metadata import RunError
 from sympol.runs.run import Run
-from sympol.search.front.files import place
+from sympol.search.front.files import load_front, point_folder, save_front
 from sympol.search.front.front import EvaluatedCandidate, Front, FrontError, Point
 from sympol.trees import DecisionTree
 
@@ -38,20 +38,20 @@ def played() -> Front:
 def saved(tmp_path_factory):
     folder = tmp_path_factory.mktemp("front") / "deep" / "cp"
     run = played()
-    run.save(folder, SPEC)
+    save_front(run, folder, SPEC)
     return folder, run
 
 
 def test_what_is_read_is_what_was_written(saved):
     folder, run = saved
-    assert Front.load(folder) == run
+    assert load_front(folder) == run
     assert sorted(path.name for path in (folder / "points").iterdir()) == ["003-nodes", "005-nodes"]
 
 
 def test_a_point_is_a_run_that_earns_again_what_it_earned(saved):
     folder, run = saved
     for found in run.points:
-        opened = Run.open(place(folder, found))
+        opened = Run.open(point_folder(folder, found))
         assert opened.load_tree() == found.tree
         mean, std = evaluate_policy(opened.load_tree(), opened.resolve_env(), 4, seed=7)
         assert mean == found.test.mean
@@ -73,13 +73,13 @@ def test_a_point_has_no_training_to_resume(saved, capsys):
 
 
 def test_saved_again_the_old_points_go_and_other_things_stay(tmp_path):
-    front([point(1, 1), point(3, 2)]).save(tmp_path, SPEC)
+    save_front(front([point(1, 1), point(3, 2)]), tmp_path, SPEC)
     (tmp_path / "plan.json").write_text("{}")
     (tmp_path / "points" / "007-nodes").mkdir()
     (tmp_path / "points" / "007-nodes" / "mine.txt").write_text("mine")
     new = front([point(3, 5), point(5, 9)])
-    new.save(tmp_path, SPEC)
-    assert Front.load(tmp_path) == new
+    save_front(new, tmp_path, SPEC)
+    assert load_front(tmp_path) == new
     names = {path.name for path in (tmp_path / "points").iterdir()}
     assert names == {"003-nodes", "005-nodes", "007-nodes"}
     assert (tmp_path / "plan.json").exists()
@@ -89,19 +89,19 @@ def test_what_is_no_point_is_not_replaced(tmp_path):
     (tmp_path / "points" / "001-nodes").mkdir(parents=True)
     (tmp_path / "points" / "001-nodes" / "mine.txt").write_text("mine")
     with pytest.raises(RunError, match="not a sympol run"):
-        front([point(1, 1)]).save(tmp_path, SPEC)
+        save_front(front([point(1, 1)]), tmp_path, SPEC)
     with pytest.raises(FrontError, match=r"there is no .*front\.json"):
-        Front.load(tmp_path)
+        load_front(tmp_path)
 
 
 def test_a_budget_that_is_not_plain_is_refused(tmp_path):
     with pytest.raises(ValueError, match="plain values"):
-        replace(ladder(), budget={"seconds": object()}).save(tmp_path, SPEC)
+        save_front(replace(ladder(), budget={"seconds": object()}), tmp_path, SPEC)
 
 
 @pytest.fixture
 def small(tmp_path):
-    front([point(1, 1), point(3, 2)]).save(tmp_path, SPEC)
+    save_front(front([point(1, 1), point(3, 2)]), tmp_path, SPEC)
     return tmp_path
 
 
@@ -146,7 +146,7 @@ def test_a_damaged_file_is_refused_in_one_line(small, damage):
     file = small / "front.json"
     file.write_text(damage(file.read_text()))
     with pytest.raises(FrontError, match=r"front\.json") as error:
-        Front.load(small)
+        load_front(small)
     assert "\n" not in str(error.value)
 
 
@@ -155,7 +155,7 @@ def test_a_tree_that_was_changed_is_not_what_was_measured(small):
     tree = DecisionTree.from_json(policy.read_text())
     policy.write_text(replace(tree, threshold=tree.threshold + np.float32(tree.feature == 0)).to_json())
     with pytest.raises(FrontError, match="is not the tree"):
-        Front.load(small)
+        load_front(small)
     policy.unlink()
     with pytest.raises(FrontError, match="cannot be read"):
-        Front.load(small)
+        load_front(small)

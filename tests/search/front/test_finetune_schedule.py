@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sympol.envs.registry import resolve
-from sympol.search.evaluators.base import make_evaluator
+from sympol.search.evaluators import make_evaluator
 from sympol.search.front.candidates import load_candidates
 from sympol.search.front.config import SearchConfig
 from sympol.search.front.finetune_schedule import has_numbers

@@ -25,7 +25,8 @@ from sympol.runs.metadata import RunError
 from sympol.search.front.candidates import FILE, Candidate, load_candidates, save_candidates
 from sympol.search.front.config import SearchConfig
 from sympol.search.front.distillation_method import warn_of_poor_teacher
-from sympol.search.front.front import Cost, Front
+from sympol.search.front.files import load_front
+from sympol.search.front.front import Cost
 from sympol.search.front.search import _share, begin, search
 
 from ...tiny import refused
@@ -61,7 +62,7 @@ def test_returns_of_the_test_are_those_of_its_episodes(quick):
 
 def test_it_is_kept_and_read_again(quick):
     front, folder = quick
-    assert Front.load(folder).points == front.points
+    assert load_front(folder).points == front.points
     assert search(QUICK, folder).points == front.points  # nothing is searched again
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from sympol.search.front.files import place
+from sympol.search.front.files import point_folder
 from sympol.search.front.front import Cost
 from sympol.search.front.tables import format_cost, markdown, next_steps, table
 
@@ -93,7 +93,7 @@ def test_what_to_type_next_names_the_best_point(folder):
     steps = next_steps(run, folder)
     for step in steps:
         program, _, path, *_ = shlex.split(step.command)
-        assert (program, Path(path)) == ("sympol", place(folder, run.points[-1]))
+        assert (program, Path(path)) == ("sympol", point_folder(folder, run.points[-1]))
     assert [shlex.split(step.command)[1] for step in steps] == ["show", "report", "eval", "export"]
 
 

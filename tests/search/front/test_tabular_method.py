@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from sympol.envs.registry import resolve
-from sympol.search.evaluators.base import make_evaluator
-from sympol.search.evolve import Budget
+from sympol.search.budget import Budget
+from sympol.search.evaluators import make_evaluator
 from sympol.search.front.candidates import load_candidates
 from sympol.search.front.config import SearchConfig
 from sympol.search.front.context import TaskContext

@@ -126,25 +126,6 @@ class Evaluator(abc.ABC):
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]: ...
 
 
-def make_evaluator(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Evaluator:
-    """Return the fastest evaluator an environment has: tabular, compiled in JAX, native, or Gymnasium."""
-    if spec.env is not None:
-        if spec.state_graph() is not None:
-            from .tabular import TabularEvaluator
-
-            return TabularEvaluator(spec, seed, purpose)
-        from .jax import JaxEvaluator
-
-        return JaxEvaluator(spec, seed, purpose)
-    if spec.native is not None:
-        from .native import NativeEvaluator
-
-        return NativeEvaluator(spec, seed, purpose)
-    from .gymnasium import GymnasiumEvaluator
-
-    return GymnasiumEvaluator(spec, seed, purpose)
-
-
 def _plain(actions: ActionSpec) -> tuple[object, ...]:
     """What actions are, whatever they are called and whatever their noise."""
     if isinstance(actions, BoxActions):

@@ -14,8 +14,8 @@ from ...envs.spec import EnvSpec
 from ...runs.run import Run
 from ...training import finish, has_run, resume_agent, save_into
 from ...trees import DecisionTree
-from ..evaluators.base import make_evaluator
-from ..evolve import Budget
+from ..budget import Budget
+from ..evaluators import make_evaluator
 from ..prune_by_return import prune_path
 from .candidates import Candidate
 from .config import SearchConfig

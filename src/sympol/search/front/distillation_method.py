@@ -28,7 +28,7 @@ from ...envs.registry import resolve
 from ...play import Episodes, Purpose, play
 from ...teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ...trees import DecisionTree
-from ..evaluators.base import Evaluator, make_evaluator
+from ..evaluators import Evaluator, make_evaluator
 from .candidates import Candidate, load_candidates, save_candidates
 from .context import TRAINING, TaskContext, prune_candidates, scale_budget, train_policy
 from .finetune_schedule import STARTS, best_by_halving, finetune_candidates, stages

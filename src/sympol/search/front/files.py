@@ -37,7 +37,7 @@ _POINTS = "points"
 _PLACE = re.compile(r"\d{3,}-nodes")
 
 
-def place(folder: str | PathLike[str], point: Point) -> Path:
+def point_folder(folder: str | PathLike[str], point: Point) -> Path:
     """Where a point's folder is in a front's."""
     return _place(Path(folder), point.nodes)
 
@@ -46,7 +46,7 @@ def _place(folder: Path, nodes: int) -> Path:
     return folder / _POINTS / f"{nodes:03d}-nodes"
 
 
-def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
+def save_front(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
     """Write the front; one that is there is replaced. ``front.json`` comes last: without it there is no front.
 
     Raises:
@@ -63,16 +63,16 @@ def save(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
         "candidates": list(front.candidates),
     }
     (folder / FILE).unlink(missing_ok=True)
-    places = {place(folder, point) for point in front.points}
+    places = {point_folder(folder, point) for point in front.points}
     for old in (folder / _POINTS).glob("*"):
         if _PLACE.fullmatch(old.name) and old not in places and is_run(old / CONFIG):
             shutil.rmtree(old)
     for point in front.points:
-        _save_point(place(folder, point), point, spec)
+        _save_point(point_folder(folder, point), point, spec)
     files.write(folder / FILE, dumps(content))
 
 
-def load(folder: str | PathLike[str]) -> Front:
+def load_front(folder: str | PathLike[str]) -> Front:
     """Read a front.
 
     Raises:

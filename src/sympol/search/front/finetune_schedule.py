@@ -19,8 +19,8 @@ import numpy as np
 
 from ...envs.spec import EnvSpec
 from ...trees import BoxActions, DecisionTree
-from ..evaluators.base import Evaluator, make_evaluator
-from ..evolve import Budget
+from ..budget import Budget
+from ..evaluators import Evaluator, make_evaluator
 from ..finetune_thresholds import FinetuneProgress, finetune_thresholds
 from ..insert_splits import EPISODES as REGROWN
 from ..insert_splits import resplit

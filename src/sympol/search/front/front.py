@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from ...trees import DecisionTree
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ...envs.spec import EnvSpec
     from ...results.statistics import Interval
 
 
@@ -250,19 +248,6 @@ class Front:
         """The point that earned most in validation, of those with at most ``max_nodes``; None if there is none."""
         small = [point for point in self.points if max_nodes is None or point.nodes <= max_nodes]
         return small[-1] if small else None
-
-    def save(self, folder: str | PathLike[str], spec: EnvSpec) -> None:
-        """Write ``front.json`` and a run's folder for each point: see `sympol.search.front.files`."""
-        from .files import save
-
-        save(self, folder, spec)
-
-    @staticmethod
-    def load(folder: str | PathLike[str]) -> Front:
-        """Read what `save` wrote: see `sympol.search.front.files`."""
-        from .files import load
-
-        return load(folder)
 
 
 class BestUnderSize(NamedTuple):

@@ -29,9 +29,10 @@ from ...envs.spec import EnvSpec
 from ...parallel import Task
 from ...trees import DecisionTree
 from ..best_lookup import best_lookup
-from ..evaluators.base import make_evaluator
+from ..budget import Budget
+from ..evaluators import make_evaluator
 from ..evaluators.tabular import TabularEvaluator
-from ..evolve import Budget, EvolutionResult, evolve
+from ..evolve import EvolutionResult, evolve
 from .candidates import PROGRESS, Candidate, load_candidates, save_candidates
 from .config import SearchConfig
 from .context import TRAINING, TaskContext, prune_candidates, scale_budget, train_policy

@@ -23,10 +23,11 @@ from ...parallel import Task, run_tasks
 from ...provenance import commit, versions
 from ...runs.lock import exclusive
 from ...runs.metadata import RunError
-from ..evolve import Budget
+from ..budget import Budget
 from .candidates import Candidate, load_candidates
 from .config import CHOOSING, SearchConfig
 from .files import FILE as FRONT
+from .files import load_front, save_front
 from .front import Cost, Front
 from .methods import place, tasks
 from .selection import select_front, test
@@ -49,7 +50,7 @@ def search(plan: SearchConfig, folder: Path, *, workers: int = 1, watch: Watch |
     """
     begin(plan, folder)
     if (folder / FRONT).exists():
-        return Front.load(folder)
+        return load_front(folder)
     with exclusive(folder, "search", "--out"):
         return _search(plan, folder, workers, watch)
 
@@ -84,7 +85,7 @@ def _search(plan: SearchConfig, folder: Path, workers: int, watch: Watch | None)
         versions=versions(),
         date=datetime.now(UTC).isoformat(timespec="seconds"),
     )
-    front.save(folder, spec)
+    save_front(front, folder, spec)
     return front
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float32
 from ...envs.spec import EnvSpec
 from ...play import play
 from ...trees import DecisionTree
-from ..evaluators.base import Evaluator, make_evaluator
+from ..evaluators import Evaluator, make_evaluator
 from ..evolve import archive_sizes
 from ..prune_by_return import COMPILED
 from ..round_thresholds import round_thresholds

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ...results.number_format import count, number
 from ...results.table_formats import in_markdown, pipe_table
 from ...runs.formatting import decimals
-from .files import place
+from .files import point_folder
 from .front import Cost, Front, Point
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def table(front: Front) -> Table:
 
 def next_steps(front: Front, folder: str | os.PathLike[str], program: str = "sympol") -> list[Step]:
     """What one may do with the best point of a front that is in ``folder``."""
-    run = shlex.quote(str(place(folder, front.points[-1])))
+    run = shlex.quote(str(point_folder(folder, front.points[-1])))
     return [
         Step(f"{program} show {run}", "its rules"),
         Step(f"{program} report {run}", "a page: the tree at work"),
