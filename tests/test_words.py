@@ -22,11 +22,8 @@ FRAGMENT = re.compile(r"(Of|What|Where|Whether|How|Which|Who|Whose|When|As|To|Fo
 ROOMS_WITH_FRAGMENTS = frozenset(
     [
         "bench",
-        "cli",
         "envs",
-        "report",
         "results",
-        "runs",
         "trees",
         "tune",
     ]
@@ -57,13 +54,8 @@ WORDS = {
 
 NOT_YET = frozenset(
     [
-        "bounded",
         "cli",
-        "compilation",
         "envs",
-        "files",
-        "film",
-        "runs",
         "trees",
         "tune",
     ]

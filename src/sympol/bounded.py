@@ -71,7 +71,7 @@ def _bounded(parse: Callable[[], Any], what: str, not_valid: str = "") -> Any:
         raise ValueError(f"not JSON (was the file cut off?): {error}") from error
     except (
         ValueError
-    ) as error:  # TOMLDecodeError is one; of a number of thousands of digits it goes on about Python
+    ) as error:  # TOMLDecodeError is one; of a number of thousands of digits it adds advice about Python
         raise ValueError(f"{not_valid}{str(error).split(';')[0]}") from error
     level = [content]
     for _ in range(DEEPEST + 1):

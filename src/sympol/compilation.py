@@ -67,7 +67,7 @@ def in_own_thread(work: Callable[[], T]) -> Future[T]:
 
     Where Ctrl-C strikes, JAX stops waiting for a compilation and leaves it to itself. If the process ends then, Python
     takes JAX apart under a thread that still compiles, and the process dies of a segmentation fault. Python waits for
-    a thread of its own first; and whoever asks again, gets what it has compiled.
+    a thread of its own first; and the next caller gets what it has compiled.
     """
     result: Future[T] = Future()
 

@@ -1,4 +1,4 @@
-"""Where a result comes from: package versions, the commit, and a hash of the code that runs."""
+"""The provenance of a result: package versions, the commit, and a hash of the code that runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the words of a command line become a command's arguments, and the arguments that commands share.
+"""The arguments of commands: how they are read from a command line, and those that commands share.
 
 A command's arguments are a dataclass beside it: a field is a flag, its docstring the help. What is wrong with the words
 is one line.

@@ -1,4 +1,4 @@
-"""What commands print of a finished run: its summary, and the commands that can follow."""
+"""The text that commands print of a finished run: its summary, and the commands that can follow."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Env(Protocol[State]):
     - ``all_observations()``: all observations there can be ``[batch, features]``, or None where they cannot be
       listed. Trees are pruned on them.
     - ``state_graph()``: all states and transitions, a `sympol.envs.capabilities.StateGraph`, or None where they
-      cannot be listed. Policies are then evaluated by looking episodes up.
+      cannot be listed. Policies are then evaluated in a table.
     """
 
     @property
@@ -88,9 +88,25 @@ class Env(Protocol[State]):
         ...
 
     def reset(self, key: PRNGKeyArray) -> tuple[State, Float[Array, " features"]]:
-        """Start an episode: its state and its first observation."""
+        """Start an episode.
+
+        Args:
+            key: The source of everything random in the start.
+
+        Returns:
+            The state, and the first observation.
+        """
         ...
 
     def step(self, key: PRNGKeyArray, state: State, action: Action) -> tuple[State, Step]:
-        """Advance by one action. The state counts the steps, for the time limit."""
+        """Advance by one action, without resetting at the end of an episode.
+
+        Args:
+            key: The source of everything random in the step.
+            state: The state; it counts the steps where there is a time limit.
+            action: The action, already clipped to the bounds of a ``Box``.
+
+        Returns:
+            The new state, and the observation, reward and end of the episode as a `Step`.
+        """
         ...

@@ -1,4 +1,4 @@
-"""From what a user names to what can be trained on: the environment, its features and its actions."""
+"""The registry of environments: find one by id, object or function, and describe it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class UnknownEnvironment(ValueError):
 
 
 class Entry(NamedTuple):
-    """What `register` was told of a name; without ``env`` and ``host`` it is one of Gymnasium's ids."""
+    """The arguments of `register` for a name; without ``env`` and ``host`` it is one of Gymnasium's ids."""
 
     env: Env | Factory | None = None
     host: HostFactory | None = None
@@ -66,11 +66,17 @@ def register(
 ) -> None:
     """Give an environment a name, or give names to the features and actions of one.
 
-    ``env`` is written in JAX, or is a function that makes one (or a Gymnasium environment); leave it out to
-    name what an id of Gymnasium's sees and does. ``host`` makes the twin in Gymnasium of an environment in JAX:
-    the one is trained on, the other evaluates. By default it is Gymnasium's own of this name, if there is one.
-    Functions are called with the ``env_kwargs`` a user gives. ``groups`` are features that are one-hot together.
-    A later registration replaces an earlier one.
+    A later registration replaces an earlier one. Functions are called with the user's ``env_kwargs``.
+
+    Args:
+        name: The id.
+        env: An environment written in JAX, or a function that makes one or a Gymnasium environment. Leave it out to
+            name the features and actions of an id of Gymnasium's.
+        host: A function that makes the counterpart in Gymnasium of an environment in JAX; policies are trained on the
+            one and evaluated on the other. By default it is Gymnasium's own environment of this id, if there is one.
+        feature_names: Names of the features.
+        action_names: Names of the actions, or of the components of an action.
+        groups: Features that are one-hot together.
     """
     _ENTRIES[name] = Entry(env, host, feature_names, action_names, groups)
 
@@ -140,19 +146,27 @@ def resolve(
 ) -> EnvSpec:
     """Find an environment by id, object or factory, and describe it.
 
-    An object is played itself. ``env_kwargs`` are passed to what makes it, as `gymnasium.make` does. ``backend`` "jax"
-    insists on the form written in JAX, "native" on our own machine code, "host" on Gymnasium's; "auto" takes the first
-    of these that there is, machine code only where Numba is installed. Names and groups default to the registered
-    ones, the environment's own, or ``x[0]`` and ``action 0``. ``wrappers`` of Gymnasium's are put around an
-    environment that is named by its id, the first of them innermost. Without ``require_installed``, backend "native" is
-    accepted where Numba is missing; then only training fails.
+    Args:
+        env: An id, an environment, or a function that makes one. An object is played itself.
+        env_kwargs: Arguments to make the environment with, as those of `gymnasium.make`.
+        feature_names: Names of the features; by default the registered ones, the environment's own, or ``x[0]``.
+        action_names: Names of the actions; by default the registered ones, the environment's own, or ``action 0``.
+        groups: Features that are one-hot together; by default the registered ones or the environment's own.
+        backend: The form to train on: ``"jax"``, ``"native"`` (machine code) or ``"host"`` (Gymnasium). ``"auto"`` is
+            the first of these that exists, machine code only where Numba is installed.
+        wrappers: Wrappers of Gymnasium to put around an environment named by its id, from the innermost.
+        require_installed: Whether backend ``"native"`` is refused where Numba is missing; otherwise only training
+            fails.
+
+    Returns:
+        The description of the environment.
 
     Raises:
-        UnknownEnvironment: no environment has this id; the message offers near ones.
-        MissingExtra: it needs a package that is not installed.
-        ValueError: an unsupported space, names or groups that do not fit, kwargs that the environment does not
-            take, or a backend that it lacks.
-        TypeError: not an environment at all.
+        UnknownEnvironment: No environment has this id; the message offers near ones.
+        MissingExtra: The environment needs a package that is not installed.
+        ValueError: A space is unsupported, names or groups do not fit, the environment does not take the arguments,
+            or it lacks the backend.
+        TypeError: The object is no environment.
     """
     if backend not in get_args(Backend):
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")

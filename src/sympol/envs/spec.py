@@ -1,4 +1,4 @@
-"""What learners and readers need to know of an environment, however it was named."""
+"""The description of an environment that training, evaluation and run folders share."""
 
 from __future__ import annotations
 
@@ -25,22 +25,33 @@ Backend: TypeAlias = Literal["auto", "jax", "native", "host"]
 
 
 def not_listed() -> None:
-    """All observations of an environment that nobody can list."""
+    """Return None, for an environment whose observations cannot be listed."""
 
 
 def no_copies() -> None:
-    """What makes copies of an object that cannot be copied."""
+    """Return None, for an object that cannot be copied."""
 
 
 @dataclass(frozen=True)
 class EnvSpec:
-    """One environment, as `sympol.resolve` found it.
+    """One environment, as `sympol.resolve` describes it.
 
-    ``env`` is its form in JAX, to train on inside the compiled program, or None where only the host has it.
-    ``make_host`` makes it in Gymnasium; None where it exists in JAX alone. An environment object is played itself:
-    then ``has_one_copy`` is true, and `copies` may make more that are proven to be the same. ``native`` is the
-    machine code that it is trained on, if any. ``all_observations`` lists all there can be; it returns None where
-    nobody can.
+    Attributes:
+        name: The id, or the name of the class.
+        env: The form in JAX, to train on inside the compiled program, or None where there is none.
+        make_host: A function that makes it in Gymnasium, or None where it exists in JAX alone.
+        observation_space: The observation space.
+        action_space: The action space.
+        features: The map from observations to flat features, with their names, bounds and groups.
+        actions: The meaning of a policy's outputs.
+        max_episode_steps: The time limit, or None.
+        has_one_copy: Whether ``make_host`` returns the user's own object each time.
+        most_copies: The most copies that are open at once where whole episodes are played.
+        native: The machine code that it is trained on, if any.
+        speed_hint: What to install for faster training; empty if nothing.
+        all_observations: A function that lists all possible observations ``[batch, features]``, or returns None.
+        find_origin: A function that returns how the environment was made.
+        find_copies: A function that returns one that makes copies proven to be the same, or None.
     """
 
     name: str
@@ -61,7 +72,7 @@ class EnvSpec:
 
     @property
     def origin(self) -> Origin:
-        """What it was made with, and whether a run can make it again."""
+        """The arguments it was made with, and whether a run can make it again."""
         return self.find_origin()
 
     @property
@@ -81,30 +92,48 @@ class EnvSpec:
 
     @property
     def can_be_copied(self) -> bool:
-        """Whether more than one copy can be stepped together."""
+        """True where more than one copy can be stepped together."""
         return not self.has_one_copy or self.find_copies() is not None
 
     @property
     def backend(self) -> Backend:
-        """What it is trained on."""
+        """The form that it is trained on."""
         if self.env is not None:
             return "jax"
         return "host" if self.native is None else "native"
 
     def state_graph(self) -> StateGraph | None:
-        """Return all states and transitions of a small world written in JAX, None for any other environment."""
+        """List the states and transitions of a small world written in JAX.
+
+        Returns:
+            The graph, or None for any other environment.
+        """
         list_states = getattr(self.env, "state_graph", None)
         return None if list_states is None else list_states()
 
     def trained_with(self, num_envs: int) -> EnvSpec:
-        """The same environment for whoever trains on ``num_envs`` copies: no more of them are ever open at once.
+        """Return the same environment, of which a training steps a number of copies.
 
-        Where it is not Gymnasium that is trained on, their number says nothing about Gymnasium's.
+        Args:
+            num_envs: The number of copies. If they are Gymnasium's, no more are ever open at once.
+
+        Returns:
+            The description.
         """
         return replace(self, most_copies=min(self.most_copies, num_envs)) if self.backend == "host" else self
 
     def host_envs(self, num_envs: int) -> VectorEnvs:
-        """Make copies to step together on the host. Raises ValueError where that many cannot be made."""
+        """Make copies to step together on the host.
+
+        Args:
+            num_envs: The number of copies.
+
+        Returns:
+            The copies.
+
+        Raises:
+            ValueError: That many cannot be made, or the environment exists in JAX alone.
+        """
         if self.native is not None:
             return self.native.make_envs(num_envs)
         if self.make_host is None:
@@ -144,4 +173,4 @@ class _Lent(gymnasium.Wrapper):
     """The user's own object, which stays open."""
 
     def close(self) -> None:
-        """Leave it open: whoever made it closes it."""
+        """Leave it open: the user who made it closes it."""

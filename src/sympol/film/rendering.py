@@ -25,7 +25,7 @@ class Step(NamedTuple):
         observation: What the policy observes.
         action: What it does next, or None after the last step.
         earned: The return so far.
-        end: ``"terminated"``, ``"truncated"``, or ``"stopped"`` by a limit of steps; empty while the episode goes on.
+        end: ``"terminated"``, ``"truncated"``, or ``"stopped"`` by a limit of steps; empty while the episode runs.
     """
 
     step: int

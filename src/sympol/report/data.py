@@ -1,4 +1,4 @@
-"""What the pages need of a run: its policy, its test episodes, its properties."""
+"""The data of a run that the pages show: its policy, its test episodes, its properties."""
 
 from __future__ import annotations
 

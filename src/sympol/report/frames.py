@@ -23,7 +23,7 @@ class Frames:
         self.stride = 1
 
     def wants(self, step: int) -> bool:
-        """Whether a picture of this step would be kept."""
+        """Return whether a picture of this step would be kept."""
         return step % self.stride == 0
 
     def add(self, step: int, picture: Image.Image) -> None:

@@ -1,4 +1,4 @@
-"""Where a run may be made: what must not be there, and what of an earlier run is removed for it."""
+"""Check that a run may be made in a folder, and remove what an earlier run left there."""
 
 from __future__ import annotations
 

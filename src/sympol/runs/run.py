@@ -72,6 +72,13 @@ class Run:
         config: Its hyperparameters.
         metrics: Its ``metrics.csv``.
         way_on: How to resume or repeat it, as a part of messages.
+
+    Args:
+        path: The folder.
+        metadata: The table ``[run]`` of its config.
+        config: Its hyperparameters.
+        env: The environment to use in place of the one that the folder names.
+        trust: Whether a module that the folder names may be imported.
     """
 
     def __init__(
@@ -234,6 +241,9 @@ class Run:
     def load_start(self) -> Start | None:
         """Return the tree that the training started from, and how, or None for a random policy.
 
+        Returns:
+            The start, for `sympol.load`.
+
         Raises:
             RunError: The tree is missing or damaged.
         """
@@ -255,6 +265,9 @@ class Run:
 
         The run's own id stands for its environment, with the arguments and wrappers that the folder keeps. A run that
         trained with Numba's machine code can be read without Numba, but not resumed.
+
+        Returns:
+            The description of the environment.
 
         Raises:
             RunError: The folder does not describe all of the environment, no such id is known here, or it needs a
@@ -299,6 +312,9 @@ class Run:
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
         """Turn an OSError within the block into a WriteError that names the file and the remedy.
+
+        Yields:
+            Nothing.
 
         Raises:
             WriteError: A file cannot be written.
@@ -346,6 +362,9 @@ class Run:
             template: A state with arrays, or their shapes, of the same form.
             renamed: The names of arrays in earlier checkpoints, by the name of today.
 
+        Returns:
+            The state, or None.
+
         Raises:
             RunError: Another version of sympol made the run, or all checkpoints are damaged.
         """
@@ -378,7 +397,11 @@ class Run:
             tree.plot(self.path / "tree.svg")
 
     def is_finished(self) -> bool:
-        """Return whether all that is written at the end of a training is there, and whole."""
+        """Return whether the run is finished.
+
+        Returns:
+            True if every file that is written at the end of a training is there, and whole.
+        """
         try:
             if self.load_summary() is None:
                 return False
@@ -389,7 +412,10 @@ class Run:
         return not self.has_tree or all((self.path / name).is_file() for name in FORMS)
 
     def load_tree(self) -> DecisionTree:
-        """Return the tree.
+        """Read the tree.
+
+        Returns:
+            The tree of ``policy.json``.
 
         Raises:
             RunError: The policy is no tree, there is none yet, or it is damaged.
@@ -415,7 +441,10 @@ class Run:
             raise RunError(f"{file} cannot be read: {error}") from error
 
     def load_summary(self) -> dict[str, Any] | None:
-        """Return the content of ``summary.json``, or None while the run is not finished.
+        """Read the summary of the run.
+
+        Returns:
+            The content of ``summary.json``, or None while the run is not finished.
 
         Raises:
             RunError: It is damaged.
