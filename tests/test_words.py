@@ -24,7 +24,6 @@ ROOMS_WITH_FRAGMENTS = frozenset(
         "bench",
         "envs",
         "results",
-        "search",
         "trees",
         "tune",
     ]
@@ -57,7 +56,6 @@ NOT_YET = frozenset(
     [
         "cli",
         "envs",
-        "search",
         "trees",
         "tune",
     ]

@@ -45,7 +45,7 @@ class Lookup(NamedTuple):
     is_best: bool
     """Whether no policy can earn more, be it one with memory."""
     steps: int
-    """That were looked up."""
+    """State transitions read from the table so far."""
 
 
 def best_lookup(evaluator: TabularEvaluator, *, budget: Budget, seed: int = 0) -> Lookup:

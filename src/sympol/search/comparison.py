@@ -38,13 +38,13 @@ class ReturnCache:
         self._known: dict[DecisionTree, Float32[np.ndarray, " episodes"]] = {}
 
     def of(self, tree: DecisionTree, number: int) -> Float32[np.ndarray, " episodes"]:
-        """Of one tree, in the first ``number`` episodes."""
+        """Return the returns of one tree in the first ``number`` episodes."""
         return self.of_all([tree], number)[0]
 
     def of_all(
         self, trees: Sequence[DecisionTree], number: int, *, like: DecisionTree | None = None
     ) -> Float32[np.ndarray, "trees episodes"]:
-        """Of many trees, in the first ``number`` episodes; they play together those that they have not played.
+        """Return the returns of many trees in the first ``number`` episodes; what is missing is played in one batch.
 
         ``like`` is a tree that most of them mostly do as, if there is one: see `Evaluator.play_variants`.
         """
@@ -79,7 +79,7 @@ Differences: TypeAlias = Callable[[int], Shaped[np.ndarray, " episodes"]]
 
 
 class Comparison(NamedTuple):
-    """What came of it."""
+    """The result of a comparison."""
 
     answer: Answer
     """``"worse"``: by more than the margin. ``"equal"``: not one difference in all the episodes there were to be."""
@@ -91,7 +91,7 @@ class Comparison(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether it earns as much, within the margin; where that is undecided, as far as the mean says."""
+        """True where the other tree earns as much, within the margin; where undecided, the mean decides."""
         return self.answer != "worse" and (self.answer != "undecided" or self.difference >= -self.margin)
 
 
@@ -127,7 +127,7 @@ def compare(
 
 
 def compare_trees(scores: ReturnCache, tree: DecisionTree, other: DecisionTree, **how: float) -> Comparison:
-    """Does ``other`` earn as much as ``tree``? ``how`` is as of `compare`, which says what is raised."""
+    """Compare the returns of ``other`` with those of ``tree``; ``how`` and errors are those of `compare`."""
 
     def differences(number: int) -> Float[np.ndarray, " episodes"]:
         ours, theirs = (scores.of(each, number).astype(np.float64) for each in (tree, other))
@@ -137,7 +137,7 @@ def compare_trees(scores: ReturnCache, tree: DecisionTree, other: DecisionTree, 
 
 
 def interim_sizes(first: int, last: int) -> list[int]:
-    """Episodes after which to look: ``first``, twice as many, …, ``last``."""
+    """Return the numbers of episodes after which to look: ``first``, twice as many, …, ``last``."""
     numbers = [min(first, last)]
     while numbers[-1] < last:
         numbers.append(min(2 * numbers[-1], last))
@@ -145,7 +145,7 @@ def interim_sizes(first: int, last: int) -> list[int]:
 
 
 def upper_quantile(chance: float, freedom: Shaped[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """What Student's t exceeds with this chance, for degrees of freedom.
+    """Return the quantile that Student's t exceeds with probability ``chance``, for each number of degrees of freedom.
 
     The expansion in powers of 1 / freedom (Abramowitz and Stegun, 26.7.5).
     """
@@ -183,10 +183,10 @@ def successive_halving(
     last: int,
     key: Callable[[float, int], Any] = lambda loss, _: loss,
 ) -> list[tuple[float, int]]:
-    """The best of ``others`` and what they earn less than ``tree``, as pairs of the loss and the position.
+    """Rank ``others`` by their loss against ``tree``; return the best as pairs of loss and position.
 
-    Until at most ``keep`` are left or ``last`` episodes are played. Those come first whose ``key``, of loss and
-    position, is least.
+    Halving ends when at most ``keep`` are left or ``last`` episodes are played. Pairs are sorted by ``key`` of loss
+    and position, the least first.
     """
     field = [(0.0, i) for i in range(len(others))]
     for number in interim_sizes(first, last):

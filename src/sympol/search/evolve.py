@@ -35,7 +35,7 @@ class Entry:
 
     @property
     def mean(self) -> float:
-        """Of the returns."""
+        """The mean return of the epoch."""
         return float(self.returns.mean(dtype=np.float64))
 
 
@@ -63,7 +63,7 @@ class Archive:
         return [entry for cell in sorted(self.entries) for entry in self.entries[cell]]
 
     def to_beat(self, cell: int, episodes: slice) -> float:
-        """What the worst tree that is kept of a size earns in these episodes; while there is room, of any size."""
+        """Return the mean return of the worst tree kept in a cell, or of all trees while the cell has room."""
         kept = self.entries.get(cell, [])
         rivals = kept[-1:] if len(kept) == ELITES else self.all()
         return min((float(rival.returns[episodes].mean()) for rival in rivals), default=0.0)
@@ -102,17 +102,17 @@ class Archive:
 
 
 CANDIDATES = 192
-"""Of a generation."""
+"""Candidates in a generation."""
 ROUNDS = (1 / 16, 1 / 4, 1)
-"""The part of a epoch's episodes that candidates have played after each round; a quarter of them goes on."""
+"""The part of an epoch's episodes that candidates have played after each round; the best quarter continues."""
 GENERATIONS = 12
-"""Of a epoch."""
+"""Generations in an epoch."""
 PATIENCE = 4
 """How often changes are drawn for a generation that has too few new ones."""
 
 
 class EvolutionResult(NamedTuple):
-    """What ``progress`` is told after each epoch."""
+    """The state of evolution after an epoch, which ``progress`` receives."""
 
     steps: int
     seconds: float
@@ -138,7 +138,7 @@ def evolve(
     """Search from some trees, and from random ones; return the last epoch.
 
     It has the best few trees of each size up to ``max_nodes``; which of them is best is for episodes to say that the
-    search has not seen. ``episodes`` are those of a epoch. With a budget in steps the same seed finds the same trees.
+    search has not seen. ``episodes`` are those of an epoch. With a budget in steps the same seed finds the same trees.
 
     Raises:
         ValueError: no tree to say what is seen and done, or a limit that is even or below one.
@@ -187,7 +187,7 @@ class _Search:
         self.archive = Archive(archive_sizes(limit))
         self.epoch = range(episodes)
         self.tried: set[NestedTree] = set()
-        """In this epoch: whoever was not kept then would not be now."""
+        """Trees played in this epoch: one that was not kept then would not be kept now."""
         self.mutator: Mutator
 
     def begin(self, starts: list[NestedTree]) -> None:

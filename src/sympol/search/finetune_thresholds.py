@@ -31,8 +31,8 @@ from .budget import Budget
 from .evaluators.base import Evaluator
 
 POPULATION_FACTOR = 2
-"""How many trees are sample, in times of what CMA-ES draws by default: of many that are judged by chance, too, the mean
-errs less. On LunarLander better than twice the episodes, or than four times the trees."""
+"""Sampled trees, as a multiple of the default of CMA-ES: the mean of many trees, each judged by chance, errs less.
+ On LunarLander better than twice the episodes, or than four times the trees."""
 INITIAL_STEP = 0.1
 """How far the first trees lie from the one that is given."""
 OBSERVED = 16
@@ -47,7 +47,7 @@ fewer."""
 MAX_EPISODE_FACTOR = 4
 """Times as many episodes as at first, and no more."""
 HALVINGS = 4
-"""Parts of a budget, after each of which half of what is polished goes on."""
+"""Parts of a budget, after each of which the better half of the trees continues."""
 MEAN_WINDOW = 5
 """Generations by which that is decided."""
 FLAT_GENERATIONS = 10
@@ -57,10 +57,10 @@ JUDGING_FACTOR = 4
 
 
 class FinetuneProgress(NamedTuple):
-    """What ``progress`` is told now and then."""
+    """The state of fine-tuning, which ``progress`` receives every few generations."""
 
     tree: DecisionTree
-    """The best so far: the middle of what is sample."""
+    """The best so far: the mean of the search distribution."""
     steps: int
     """Environment steps so far."""
     seconds: float
@@ -84,8 +84,8 @@ def finetune_thresholds(
 ) -> DecisionTree:
     """The best of some trees with better numbers; as it was given if that earns more in episodes of their own.
 
-    Where a tree can be polished to depends on what it asks. So several start side by side; after a quarter of the
-    budget the better half of them goes on, after the next quarter half of these, and so on.
+    How good a tree can become depends on the features it tests. So several start side by side; after a quarter of
+    the budget the better half of them continues, after the next quarter half of these, and so on.
 
     Args:
         trees: of any sizes. The best keeps its size, but prune it afterwards: some of its splits may be idle then.
@@ -144,23 +144,23 @@ class CMAESRun:
         return [self.numbers.shifted(step) for step in self._steps]
 
     def update(self, means: Float[np.ndarray, " trees"]) -> None:
-        """What the trees of the generation earned."""
+        """Tell the strategy the mean return of each tree of the generation."""
         self._search.tell(self._steps, (-means).tolist())
         self._means.append(float(means.mean()))
 
     @property
     def middle(self) -> DecisionTree:
-        """The tree around which others are sample."""
+        """The tree around which others are sampled."""
         return self.numbers.shifted(self._search.result.xfavorite) if self._means else self.numbers.tree
 
     @property
     def mean(self) -> float:
-        """Of the last few generations: a few thousand episodes."""
+        """The mean return of the last few generations, a few thousand episodes."""
         return float(np.mean(self._means[-MEAN_WINDOW:])) if self._means else -math.inf
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing is left to gain."""
+        """True where nothing is left to gain."""
         return bool(self._search.stop())
 
 
@@ -183,14 +183,14 @@ def _next_generation(
 
 
 class EpisodeSchedule:
-    """How many episodes a generation needs."""
+    """The number of episodes of a generation, adapted to how well they rank trees."""
 
     def __init__(self, episodes: int) -> None:
         self.episodes, self._least = episodes, episodes
         self._agreements: list[float] = []
 
     def update(self, returns: Sequence[GenerationReturns]) -> None:
-        """What the trees of each run earned in the generation."""
+        """Adapt the number of episodes to the returns of a generation, one array per run."""
         self._agreements += [agreement(rows) for rows in returns]
         if len(self._agreements) < SCHEDULE_WINDOW * len(returns):
             return
@@ -243,7 +243,7 @@ class TreeParameters:
 
     @property
     def size(self) -> int:
-        """How many there are."""
+        """The number of parameters."""
         return len(self.scale)
 
     def shifted(self, steps: Float[np.ndarray, " size"]) -> DecisionTree:

@@ -47,7 +47,7 @@ class SplitInsertion(NamedTuple):
     part: DecisionTree
 
     def is_disjoint_from(self, other: SplitInsertion) -> bool:
-        """Whether neither is above the other, so that a tree can have both."""
+        """Return True where neither is above the other, so that a tree can have both."""
         return self.end <= other.node or other.end <= self.node
 
 
@@ -57,7 +57,7 @@ def sample_insertions(
     number: int,
     rng: np.random.Generator,
 ) -> list[SplitInsertion]:
-    """Different ones at random, ``number`` at most; ``observations`` are what the tree acts on.
+    """Draw at most ``number`` different insertions at random; ``observations`` are those the tree acts on.
 
     Each node that saw two different observations is as likely as any other, and so is each feature that differs
     there. The threshold lies between two values that were seen there. Where nothing ever differs there are none.
@@ -92,7 +92,7 @@ def sample_insertions(
 
 
 def apply_insertions(tree: DecisionTree, some: Iterable[SplitInsertion]) -> DecisionTree:
-    """The tree with all of these, of which none is above another."""
+    """Apply insertions, none of which is above another."""
     return graft_all(tree, ((insertion.node, insertion.part) for insertion in some))
 
 
@@ -122,7 +122,7 @@ def insert_splits(
     seed: int = 0,
     effort: Effort | None = None,
 ) -> DecisionTree:
-    """The tree with more questions, as long as they are found to earn something.
+    """Insert splits into a tree, as long as they are found to earn something.
 
     Args:
         tree: of any size; with so many ``nodes`` it stays as it is.
@@ -172,7 +172,7 @@ GROWN = 1.25
 GROWING = 0.5
 """The part of a budget after which it grows no further."""
 POLISHING = 1 / 3
-"""How long is polished, each time, of what was done before."""
+"""Budget of each fine-tuning, as a part of what was spent before it."""
 EPISODES = 1 << 20
 """That are played at most; growing begins with the first of them."""
 SHRINKING_FROM, JUDGING_FROM, POLISHING_FROM, FINISHING_FROM = 1 << 18, 3 << 17, 1 << 19, 5 << 17
@@ -188,16 +188,19 @@ def resplit(
     first_episode: int = 0,
     seed: int = 0,
 ) -> DecisionTree:
-    """A tree with no more nodes than allowed that earns more; the tree itself where none is found.
+    """Exchange splits of a tree within a limit of nodes, so that it earns more.
 
     Args:
-        tree: as good as polishing makes it.
+        tree: A tree whose thresholds are fine-tuned already.
         evaluator: where it plays.
-        max_nodes: that the tree has no more of either.
+        max_nodes: The limit of nodes, which the tree is within already.
         budget: how long to search; pruning may take it further.
-        episodes: of a generation of polishing.
+        episodes: Episodes of a generation of fine-tuning.
         first_episode: `EPISODES` from this number on are played.
         seed: With a budget in steps the same seed gives the same tree, bit for bit.
+
+    Returns:
+        A tree of at most ``max_nodes`` nodes that earns more; the tree itself where none is found.
 
     Raises:
         ImportError: pycma is not installed.
@@ -205,8 +208,8 @@ def resplit(
     """
     began, before = time.perf_counter(), evaluator.steps
 
-    def polished(one: DecisionTree, at: int) -> DecisionTree:
-        """For so long as a part of what was taken until now, and no longer than what is left."""
+    def fine_tuned(one: DecisionTree, at: int) -> DecisionTree:
+        """Fine-tune for a part of what was spent so far, within what is left."""
         steps, seconds = evaluator.steps - before, time.perf_counter() - began
         left = Budget(budget.steps - steps, budget.seconds - seconds)
         return finetune_thresholds(
@@ -228,11 +231,11 @@ def resplit(
     )
     if grown is tree:
         return tree
-    larger = polished(grown, POLISHING_FROM)
+    larger = fine_tuned(grown, POLISHING_FROM)
     smaller = prune_path(larger, evaluator, smallest=max_nodes, first_episode=first_episode + SHRINKING_FROM)[
         -1
     ].tree
-    better = polished(smaller, FINISHING_FROM)
+    better = fine_tuned(smaller, FINISHING_FROM)
     rivals = list(dict.fromkeys([tree, smaller, better]))
     start = first_episode + JUDGING_FROM
     judged = evaluator.play(rivals, range(start, start + 4 * default_effort(evaluator).last)).returns

@@ -2,7 +2,7 @@
 
 A closed node sends everything one way: all its thresholds are `MASKED`, or minus that, a number that no feature
 reaches and no optimiser moves; and the slope of the surrogate is 0 there, so that nothing is learnt. What is trained
-stays one compiled program, whatever the shape. Only NaN and infinities would go the other way: for whoever
+stays one compiled program, whatever the shape. Only NaN and infinities would go the other way: for callers that
 reads the tree, closed nodes are not there (`extract_unmasked`).
 
 Every tree that pruning makes of a complete one lies in it, as all it ever does is to put a side in the place of its

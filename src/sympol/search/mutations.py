@@ -153,7 +153,7 @@ class Mutator:
                 return Leaf(tuple(rng.uniform(*self._range()).tolist()))
 
     def mutated_leaf(self, leaf: Leaf, rng: np.random.Generator) -> Leaf:
-        """Of discrete ones any, of continuous ones mostly one nearby."""
+        """Return another leaf: any for discrete actions, mostly a close one for continuous actions."""
         if not isinstance(self.actions, BoxActions) or rng.random() < 0.2:
             return self.random_leaf(rng)
         low, high = self._range()

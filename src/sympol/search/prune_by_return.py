@@ -3,11 +3,9 @@
 Exact pruning (`DecisionTree.prune`) keeps every action. Pruning by return keeps what they bring. Step by step
 
 1. what none of the observed episodes needs goes: sides that nobody visits, splits that change no action there;
-2. else one cut is made (`sympol.search.prunings`), the one that costs least. All promising prune_moves play a few
-episodes, the
-   better half of them twice as many, and so on (`sympol.search.comparison`). While the tree is large,
-   a step makes several
-   moves at once.
+2. else one cut is made (`sympol.search.prunings`), the one that costs least. All promising moves play a few
+   episodes, the better half of them twice as many, and so on (`sympol.search.comparison`). While the tree is large,
+   a step makes several moves at once.
 
 What the step brings is then measured in other episodes, by which nothing was chosen.
 """
@@ -40,12 +38,12 @@ class PrunedTree(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Of the returns."""
+        """The mean return."""
         return float(self.returns.mean(dtype=np.float64))
 
 
 class Effort(NamedTuple):
-    """How much is played in a step."""
+    """The episodes and candidates of a step of pruning."""
 
     candidates: int
     """Cuts that play, at most; those that change least."""
@@ -78,7 +76,7 @@ def prune_by_return(
     effort: Effort | None = None,
     progress: Progress | None = None,
 ) -> PrunedTree:
-    """The smallest part of a tree that earns as much; or a part of at most ``max_nodes``, whatever that costs.
+    """Prune a tree to the smallest part that earns as much, or to at most ``max_nodes``, whatever that costs.
 
     Args:
         tree: of any size; it loses nodes, and leaves where nodes went may get another answer.
@@ -90,6 +88,9 @@ def prune_by_return(
         first_episode: episodes from this number on are played, twice ``effort.last`` of them.
         effort: how much is played; by default by the kind of evaluator.
         progress: called with each tree on the way down.
+
+    Returns:
+        The pruned tree, and its returns in ``effort.last`` episodes by which nothing was chosen.
 
     Raises:
         ValueError: a size below 1 or even, a price below 0, or a tree for other features or actions.
@@ -121,9 +122,22 @@ def prune_path(
     effort: Effort | None = None,
     progress: Progress | None = None,
 ) -> list[PrunedTree]:
-    """Ever smaller parts of a tree, from the tree itself, exactly pruned, down to ``smallest`` nodes or one leaf.
+    """Prune a tree step by step, from exact pruning down to ``smallest`` nodes or one leaf.
 
-    Arguments and errors are as of `prune_by_return`.
+    Args:
+        tree: A tree of any size.
+        evaluator: The evaluator that plays the trees.
+        smallest: The number of nodes at which to stop, odd.
+        observations: All observations there can be ``[batch, features]``, where they are listed.
+        first_episode: The first episode that is played; twice ``effort.last`` are played from there on.
+        effort: How much is played in a step; by default by the kind of evaluator.
+        progress: Called with each tree on the way down.
+
+    Returns:
+        The trees, the largest first, each with its returns in ``effort.last`` episodes.
+
+    Raises:
+        ValueError: A size below 1 or even, or a tree for other features or actions.
     """
     check_limit(smallest, 0.0)
     way = _Pruning(evaluator, effort or default_effort(evaluator), smallest, observations, first_episode)
@@ -136,7 +150,7 @@ def prune_path(
 
 
 def default_effort(evaluator: Evaluator) -> Effort:
-    """What is played by default in such an evaluator."""
+    """Return the default effort for an evaluator."""
     return {"jax": COMPILED, "native": NATIVE}.get(evaluator.spec.backend, HOSTED)
 
 

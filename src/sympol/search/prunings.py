@@ -1,8 +1,8 @@
-"""How a tree can lose nodes: a split goes, and one of its sides stands in its place.
+"""Prune moves: a split is removed, and one of its sides takes its place.
 
 This is all that pruning can do: where the side is a leaf, a subtree becomes a leaf; at the root, the tree begins
-further down; and where both sides were alike, they merge. What came by the split and now all goes to one side meets
-leaves there that were made for others; so each cut comes in two forms, with these leaves as they were, and with
+further down; and where both sides were alike, they merge. Observations of both sides now
+meet leaves there that were made for others; so each cut comes in two forms, with these leaves as they were, and with
 answers nearest to what was done before: the most frequent action, or the mean of continuous ones.
 """
 

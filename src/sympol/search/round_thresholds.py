@@ -33,11 +33,20 @@ def round_thresholds(
     first_episode: int = 0,
     effort: Effort | None = None,
 ) -> DecisionTree:
-    """The tree with rounded thresholds, and rounded answers where actions are continuous.
+    """Round the thresholds of a tree, and its leaf outputs where actions are continuous.
 
     Splits that are decided then, as what is above them asks the same now, are pruned. Questions about one-hot features
-    stay: readers are told the category. ``margin`` is the return that all the rounding together may cost; episodes
-    from ``first_episode`` on are played, ``effort.last`` of them.
+    stay: readers are told the category.
+
+    Args:
+        tree: The tree to round.
+        evaluator: The evaluator that plays the trees.
+        margin: The return that all the rounding together may cost.
+        first_episode: The first episode that is played; ``effort.last`` are played from there on.
+        effort: How much is played in a step; by default by the kind of evaluator.
+
+    Returns:
+        The rounded tree, pruned exactly.
 
     Raises:
         ValueError: a margin below 0, or a tree for other features or actions.

@@ -1,9 +1,9 @@
 """Training within a limit of size: `Config.max_nodes` and `Config.node_price`.
 
 The first half of a training is free, or the first quarter where rollouts grow. At the validation after it (`moment`)
-the best tree so far is pruned by what it earns (`prune_by_return`), and the training goes on in that shape: with the
-same critic, optimiser and compiled program, and with a validation that only knows trees of this shape. Before that
-moment, whoever asks for the tree gets one that is pruned by the same rule, there and then.
+the best tree so far is pruned by what it earns (`prune_by_return`), and the training continues in that shape: with the
+same critic, optimiser and compiled program, and with a validation that only knows trees of this shape. A tree that
+is requested before that moment is pruned by the same rule when it is requested.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ updates come early: after half of the steps too few would be left to make up for
 
 
 def has_limit(config: Config) -> bool:
-    """Whether a training has a limit of size."""
+    """Return True where a training has a limit of size."""
     return config.max_nodes > 0 or config.node_price > 0
 
 
@@ -39,7 +39,7 @@ def prune_step(config: Config) -> int:
 
 
 def is_due(config: Config, before: int, now: int) -> bool:
-    """Whether a training that came from timestep ``before`` to ``now`` has just come to its moment."""
+    """Return True where pruning is due between the timesteps ``before`` and ``now``."""
     return has_limit(config) and before < prune_step(config) <= now
 
 
@@ -59,7 +59,7 @@ def prune_within(tree: DecisionTree, spec: EnvSpec, config: Config, seed: int) -
 
 
 def mask_state(state: TrainState, full: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> TrainState:
-    """The state that goes on with the best tree so far, pruned, in its shape; nothing of it is validated yet.
+    """Return the state that continues with the best tree so far, pruned; nothing of it is validated yet.
 
     ``full`` is that tree, extracted as a whole. Learning rates that were halved are whole again: there is a new tree
     to improve.

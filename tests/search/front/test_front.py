@@ -83,8 +83,8 @@ def test_a_tree_is_tested_once():
 
 
 @pytest.mark.parametrize("road", ["", "two\nlines", "\x1b[31m"])
-def test_a_road_is_a_few_words(road):
-    with pytest.raises(FrontError, match="road"):
+def test_a_method_is_a_few_words(road):
+    with pytest.raises(FrontError, match="method"):
         point(3, 1, method=road)
 
 

@@ -1,4 +1,4 @@
-"""Where trees are compared: many of them on the same episodes.
+"""The protocol of evaluators: many trees are compared on the same episodes.
 
 An episode has a number. Whatever is random in it, its start and its noise, depends on that number, the evaluator's seed
 and its purpose alone, so that two trees in the same episode differ by what they do (common random numbers).
@@ -23,7 +23,7 @@ _MAX_EPISODES = 1 << 31
 
 
 class Returns(NamedTuple):
-    """What each tree brought home from each episode."""
+    """The return and the length of each episode, by tree."""
 
     returns: Float32[np.ndarray, "trees episodes"]
     """Undiscounted."""
@@ -51,7 +51,7 @@ class Evaluator(abc.ABC):
         """Environment steps so far, those of `observe` among them."""
 
     def play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
-        """Each tree on each of the episodes.
+        """Play each tree on each of the episodes.
 
         Raises:
             ValueError: no trees, no episodes, or a tree for other features or actions.
@@ -62,9 +62,9 @@ class Evaluator(abc.ABC):
         return self._checked(played, episodes, int(played.lengths.sum(dtype=np.int64)))
 
     def play_variants(self, tree: DecisionTree, others: Sequence[DecisionTree], episodes: range) -> Returns:
-        """As `play` of the tree and the others, in this order, for others that mostly do what it does.
+        """Play a tree and variants of it, in this order; the returns are those of `play`.
 
-        Where an evaluator can, what they do alike is played once, and counts once.
+        Where an evaluator can, steps that variants share with the tree are played once, and count once.
 
         Raises:
             ValueError, EnvironmentFailure: as `play` does.
@@ -74,7 +74,7 @@ class Evaluator(abc.ABC):
         return self._checked(played, episodes, steps)
 
     def observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
-        """The observations that a tree acts on in these episodes, one row a step, one episode after the other.
+        """Return the observations that a tree acts on in these episodes, one row per step, episode by episode.
 
         Raises:
             ValueError: as `play` does.

@@ -43,7 +43,7 @@ PackedTrees: TypeAlias = BitmaskTrees | PointerTrees
 
 
 class RolloutBatch(NamedTuple):
-    """What runs side by side."""
+    """The episodes that are stepped together, one per lane."""
 
     job: Int[Array, " lanes"]
     """`MAX_JOBS` where there is none."""
@@ -57,7 +57,7 @@ class RolloutBatch(NamedTuple):
 
 
 def keys_of(base: Array, number: Int[Array, ""]) -> tuple[Array, Array]:
-    """What is random in a numbered episode: at its start, and in its steps."""
+    """Return the keys of a numbered episode: one for its start, one for its steps."""
     reset_key, step_key = jax.random.split(jax.random.fold_in(base, number))
     return reset_key, step_key
 

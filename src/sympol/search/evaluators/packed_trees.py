@@ -69,7 +69,7 @@ class StackedTrees(NamedTuple):
 
 
 def leaf_actions(packed: StackedTrees, spec: EnvSpec) -> ndarray:
-    """What each leaf of each tree does, as the environment takes it ``[trees, nodes, ...]``."""
+    """Return the action of each leaf of each tree, as the environment takes it: ``[trees, nodes, ...]``."""
     trees, nodes, outputs = packed.value.shape
     actions = fitted_actions(spec.actions.decide(packed.value.reshape(-1, outputs)), spec.action_space)
     return actions.reshape(trees, nodes, *actions.shape[1:])
@@ -100,7 +100,7 @@ class PointerTrees(NamedTuple):
     def apply(
         self, tree: Int[Array, " lanes"], tree_slices: tuple[Array, ...], x: Float[Array, "lanes features"]
     ) -> Int[Array, " lanes"]:
-        """Which of its nodes each lane's tree ends in."""
+        """Return the node in which each lane's observation ends."""
         numbers, first = x.ravel(), jnp.arange(len(x)) * x.shape[1]
 
         def down(_: Int[Array, ""], row: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
@@ -159,13 +159,13 @@ class BitmaskTrees(NamedTuple):
         return masked
 
     def tree_slices(self, tree: Int[Array, " lanes"]) -> tuple[Array, ...]:
-        """What a lane keeps of its tree, lanes last."""
+        """Return the arrays that each lane keeps of its tree, lanes last."""
         return tuple(jnp.asarray(part)[tree].T for part in (self.feature, self.threshold, self.mask))
 
     def apply(
         self, tree: Int[Array, " lanes"], tree_slices: tuple[Array, ...], x: Float[Array, "lanes features"]
     ) -> Int[Array, " lanes"]:
-        """Which of its leaves each lane's tree ends in, counted from the left."""
+        """Return the leaf in which each lane's observation ends, counted from the left."""
         # as they are, not computed anew for each node: the step that led to them would be
         columns = jax.lax.optimization_barrier(x.T)
 

@@ -19,7 +19,7 @@ PROGRESS = "heat.json"
 
 @dataclass(frozen=True)
 class Candidate:
-    """A tree, and the road to it."""
+    """A tree, the methods that made it, and its cost."""
 
     tree: DecisionTree
     method: str
@@ -27,7 +27,7 @@ class Candidate:
 
 
 def save_candidates(folder: Path, found: Iterable[Candidate], *, finished: bool) -> None:
-    """Write what a road has found so far."""
+    """Write the candidates that a task has found so far."""
     rows = [
         {"road": one.method, "spent": asdict(one.cost), "tree": json.loads(one.tree.to_json())}
         for one in found
@@ -38,7 +38,7 @@ def save_candidates(folder: Path, found: Iterable[Candidate], *, finished: bool)
 
 
 def load_candidates(folder: Path) -> tuple[list[Candidate], bool]:
-    """What it has found, and whether it is at its end; nothing where there is no such file.
+    """Read the candidates of a task and whether it is finished; none where there is no file.
 
     Raises:
         ValueError: the file is damaged.

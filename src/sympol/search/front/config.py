@@ -1,4 +1,4 @@
-"""What a search is asked for: read from the command line, kept in its folder."""
+"""The configuration of a search: read from the command line, kept in its folder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from ...algorithms.presets import ANY, search_defaults
 
 SHARES: dict[str, float] = search_defaults(ANY)["shares"]
-"""Of the budget, how it is divided among roads; those that are taken have it all but what choosing takes."""
+"""The budget's division among methods; the chosen ones share all of it but what selection takes."""
 CHOOSING = 0.1
 """Part of a budget in seconds for choosing and testing."""
 LEAST_SECONDS = 10.0
@@ -29,7 +29,7 @@ class SearchConfig:
     """One search.
 
     Raises:
-        ValueError: a limit that is even or below one, no road or an unknown one, a budget that is none.
+        ValueError: a limit that is even or below one, no method or an unknown one, a malformed budget.
     """
 
     env: str
@@ -88,33 +88,33 @@ class SearchConfig:
 
     @property
     def seconds(self) -> float:
-        """Of the whole search; infinite where steps are counted."""
+        """Seconds of the whole search; infinite where steps are counted."""
         return _read(self.budget)[0]
 
     @property
     def steps(self) -> float:
-        """Of all roads together; infinite where seconds are counted."""
+        """Environment steps of all methods together; infinite where seconds are counted."""
         return _read(self.budget)[1]
 
     def number(self, road: str) -> int:
-        """How many tasks a road is made of."""
+        """Return the number of tasks of a method."""
         assert self.teachers is not None
         return {"scratch": self.trainings, "teacher": self.teachers, "evolve": self.islands}[road]
 
     def share(self, road: str) -> float:
-        """The part of the budget that a road has."""
+        """Return the part of the budget that a method has."""
         shares = search_defaults(self.env)["shares"]
         return (1 - CHOOSING) * shares[road] / sum(shares[taken] for taken in self.methods)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Return the fields as plain JSON."""
         values = asdict(self)
         values["roads"] = list(values.pop("methods"))
         return values
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """What `to_dict` gave; raises ValueError for what is not that."""
+        """Make a configuration of what `to_dict` returned; raises ValueError for unknown fields."""
         known = {part.name for part in fields(cls)} - {"methods"} | {"roads"}
         if not values.keys() <= known:
             raise ValueError(f"unknown fields {', '.join(sorted(values.keys() - known))}")

@@ -1,4 +1,4 @@
-"""What every task of a search shares: its folder, its part of the budget, training and pruning."""
+"""The context of a task: its folder, its part of the budget, training and pruning."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from .config import SearchConfig
 from .front import Cost
 
 TRAINING = 0.5
-"""Of a share, at most, for the training that a road begins with."""
+"""The part of a share, at most, for the training that a method begins with."""
 
 
 @dataclass(frozen=True)
 class TaskContext:
-    """Where a road is built, and with what."""
+    """The plan, the environment, the folder and the budget of one task."""
 
     plan: SearchConfig
     spec: EnvSpec
@@ -40,7 +40,7 @@ class TaskContext:
 
     @property
     def seed(self) -> int:
-        """Of everything random in this task."""
+        """The seed of everything random in this task."""
         words = [self.plan.seed, self.index, *self.folder.parent.name.encode()]
         return int(np.random.SeedSequence(words).generate_state(1)[0])
 
@@ -48,7 +48,7 @@ class TaskContext:
 def train_policy(
     context: TaskContext, policy: str, folder: Path, share: Budget, **options: Any
 ) -> tuple[Agent, Cost]:
-    """Train in a run's folder, or go on there, until the end or until the share is spent."""
+    """Train in a run's folder, or resume there, until the end or until the share is spent."""
     began = time.perf_counter()
     if has_run(folder):
         run = Run.open(folder)
@@ -73,7 +73,7 @@ def train_policy(
 def prune_candidates(
     context: TaskContext, tree: DecisionTree, road: str, spent: Cost, smallest: int = 1
 ) -> list[Candidate]:
-    """The tree, and smaller and smaller parts of it, down to ``smallest`` nodes; ``spent`` is what it cost."""
+    """Return the tree and ever smaller prunings of it, down to ``smallest`` nodes; ``spent`` is its cost."""
     evaluator, began = make_evaluator(context.spec, context.seed), time.perf_counter()
     smaller = prune_path(tree, evaluator, smallest=smallest, observations=context.spec.all_observations())
     cost = replace(
@@ -85,5 +85,5 @@ def prune_candidates(
 
 
 def scale_budget(share: Budget, part: float) -> Budget:
-    """So much of a budget."""
+    """Return a part of a budget."""
     return Budget(share.steps * part, share.seconds * part)

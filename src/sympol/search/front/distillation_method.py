@@ -1,10 +1,10 @@
-"""The teacher's road: from a network to a large tree, and from there, in turns, a size less and a polish.
+"""Distillation: a network becomes a large tree, which is pruned and fine-tuned in turns.
 
 1. A teacher is trained, or given.
 2. It is distilled into several trees that may be four times as large as those asked for: what a large tree earns, a
    small one pruned out of it by return can earn, too, while a small one that only imitates earns next to nothing.
-3. The best two are pruned by return to twice the limit and polished, which leaves the better one, pruned to the limit,
-   polished again, and so on below (`sympol.search.front.finetune_schedule`): CART puts thresholds where the
+3. The best two are pruned by return to twice the limit and fine-tuned, which leaves the better one; it is pruned to
+   the limit, fine-tuned again, and so on (`sympol.search.front.finetune_schedule`): CART puts thresholds where the
    teacher's answers change,
    and not where the tree, which is cruder, had better change its own.
 
@@ -45,14 +45,14 @@ ITERATIONS = 12
 
 
 def run_distillation(context: TaskContext) -> None:
-    """Go the road; what is found is in the context's folder then."""
+    """Run the method; its candidates are saved in the context's folder."""
     found = _distilled(context)
     save_candidates(context.folder, found, finished=False)
     finetune_candidates(context, found, "teacher")
 
 
 def _distilled(context: TaskContext) -> list[Candidate]:
-    """Trees made of the teacher, and the best of them pruned by return until they can be polished."""
+    """Return trees distilled from the teacher, the best of them pruned by return to the first size."""
     folder = context.folder / "distilled"
     before, finished = load_candidates(folder)
     if finished:

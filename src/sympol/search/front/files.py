@@ -38,7 +38,7 @@ _PLACE = re.compile(r"\d{3,}-nodes")
 
 
 def point_folder(folder: str | PathLike[str], point: Point) -> Path:
-    """Where a point's folder is in a front's."""
+    """Return the folder of a point in the folder of its front."""
     return _place(Path(folder), point.nodes)
 
 
@@ -137,7 +137,7 @@ def _summary_of(path: Path, point: Point, spec: EnvSpec, distilled: Mapping[str,
 
 
 def point_fields(point: Point) -> dict[str, Any]:
-    """A point as JSON has it, without its tree."""
+    """Return the JSON fields of a point, without its tree."""
     return {
         "nodes": point.nodes,
         "road": point.method,
@@ -149,7 +149,7 @@ def point_fields(point: Point) -> dict[str, Any]:
 
 
 def fields_of(front: Front) -> dict[str, Any]:
-    """What JSON has of a front besides its points and candidates; raises ValueError for what is not plain."""
+    """Return the JSON fields of a front besides its points and candidates; raises ValueError for other objects."""
     return {
         "environment": front.environment,
         "seed": front.seed,

@@ -1,12 +1,11 @@
-"""In turns a size less and a polish: what a road does with trees that are too large, or whose numbers can be better.
+"""Prune and fine-tune in turns, from trees of twice the limit down to a quarter of it.
 
-A tree of twice the limit is polished (`sympol.search.finetune_thresholds`), pruned by return to the limit and
-polished again; then
-to four fifths of its nodes and polished again, and so on down to a quarter of the limit: what little pruning loses at
-once, polishing wins back. So what is asked for comes out of trees that had room. And as what a tree asks limits how far
-it can be polished, it gets other questions (`sympol.search.insert_splits`) for as long as its size has time.
+A tree of twice the limit is fine-tuned (`sympol.search.finetune_thresholds`), pruned by return to the limit and
+fine-tuned again; then pruned to four fifths of its nodes and fine-tuned again, and so on down to a quarter of the
+limit: fine-tuning recovers what little each pruning loses. As the features that a tree tests limit how good it can
+become, splits are exchanged (`sympol.search.insert_splits`) for as long as its size has time.
 
-Each size leaves what it found in a folder of its own: what is done is not done again, and a polish goes on.
+Each size saves its candidates in a folder of its own: what is finished is not repeated, and fine-tuning resumes.
 """
 
 from __future__ import annotations
@@ -38,13 +37,13 @@ for other questions, the more they earn, and what is below starts from what they
 POLISHING = 0.25
 """Of a size's time, before it gets other questions; the largest has no others."""
 STARTS = 2
-"""Trees that are polished side by side at first."""
+"""Trees that are fine-tuned side by side at first."""
 FIRST, LAST = 32, 128
 """Episodes of a race: for all, and for the best few."""
 FAR = 1 << 30
-"""Polishing plays episodes from here on."""
+"""The first episode of fine-tuning."""
 EPISODES = {"jax": 64, "native": 32, "host": 16}
-"""Of a generation of polishing, by what steps them."""
+"""Episodes of a generation of fine-tuning, by backend."""
 APART = 1 << 25
 """Episodes of one size."""
 REGROWING_FROM, MOST_TURNS = 1 << 24, 16
@@ -52,7 +51,7 @@ REGROWING_FROM, MOST_TURNS = 1 << 24, 16
 
 
 def finetune_candidates(context: TaskContext, found: Sequence[Candidate], road: str) -> list[Candidate]:
-    """What a road has found, and what comes of it by polishing; all of it is in the context's folder then."""
+    """Fine-tune a method's candidates size by size; return all, which are also saved in the context's folder."""
     found = list(found)
     for stage in stages(context.plan.max_nodes) if has_numbers(context.spec) else ():
         found += _at(context, found, stage, f"{road} + polish")
@@ -62,14 +61,14 @@ def finetune_candidates(context: TaskContext, found: Sequence[Candidate], road: 
 
 
 def has_numbers(spec: EnvSpec) -> bool:
-    """Whether there is anything to polish: a feature that is no category, or a continuous action."""
+    """Return True where there is something to fine-tune: a numeric feature or a continuous action."""
     categories = sum(len(group.features) for group in spec.features.groups)
     return categories < len(spec.features.names) or isinstance(spec.actions, BoxActions)
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A size to polish."""
+    """A size at which trees are fine-tuned."""
 
     nodes: int
     """At most."""
@@ -81,7 +80,7 @@ class Stage:
 
 
 def stages(max_nodes: int) -> list[Stage]:
-    """From twice the limit down to a quarter of it, as long as there is a question to polish."""
+    """Return the sizes from twice the limit down to a quarter of it, as long as trees have a split."""
     ratios = np.array([ABOVE, *(2.0 ** (-np.arange(2 * STEPS + 1) / STEPS))])
     leaves = np.floor((max_nodes + 1) / 2 * ratios + 1e-9).astype(int)
     sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
@@ -101,7 +100,7 @@ def _part(size: int, max_nodes: int) -> float:
 
 
 def _at(context: TaskContext, found: Sequence[Candidate], stage: Stage, road: str) -> list[Candidate]:
-    """The best of the trees that are no larger, polished, and pruned by return."""
+    """Fine-tune the best of the trees that are no larger, and prune them by return."""
     folder = context.folder / f"{stage.nodes}-nodes"
     before, finished = load_candidates(folder)
     if finished:

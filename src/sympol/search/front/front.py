@@ -39,7 +39,7 @@ def _finite(name: str, value: Any) -> float:
 
 @dataclass(frozen=True)
 class Cost:
-    """What something cost; costs can be added."""
+    """The cost of a tree or a search; costs can be added."""
 
     env_steps: int = 0
     """Environment steps of trainings and searches, and of choosing; not a teacher's, and not those of tests."""
@@ -69,7 +69,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class ReturnSummary:
-    """What a tree earned in some episodes, undiscounted."""
+    """Statistics of the undiscounted returns of a tree."""
 
     episodes: int
     mean: float
@@ -132,7 +132,7 @@ class Point:
         """Check; raises FrontError."""
         if not self.method or not self.method.isprintable():
             raise FrontError(
-                f'a road must be a few words on one line, such as "scratch", got {self.method!r}'
+                f'a method must be a few words on one line, such as "scratch", got {self.method!r}'
             )
         object.__setattr__(self, "seed", _count("seed", self.seed))
 
@@ -159,7 +159,7 @@ class Point:
         """
         if self.test is not None:
             raise FrontError(
-                f"the tree of {self.nodes} nodes has been tested; whoever tests again, chooses among tests"
+                f"the tree of {self.nodes} nodes has been tested; testing again would choose among tests"
             )
         return replace(self, test=ReturnSummary.of(returns))
 
@@ -170,7 +170,7 @@ class Point:
 
     @property
     def mean(self) -> float:
-        """Of validation."""
+        """The mean validation return."""
         return self.validation.mean
 
     @property
@@ -203,7 +203,7 @@ def non_dominated(points: Iterable[Point]) -> list[Point]:
 
 @dataclass(frozen=True)
 class Front:
-    """What one whole run found on one task."""
+    """The result of one whole search on one task."""
 
     environment: str
     seed: int
@@ -241,7 +241,7 @@ class Front:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The roads that were taken, as ``budget`` says it; none where it does not."""
+        """The methods of the search, as recorded in ``budget``; none where it lacks them."""
         return tuple(self.budget.get("roads", ()))
 
     def best(self, max_nodes: int | None = None) -> Point | None:
@@ -265,7 +265,7 @@ class BestUnderSize(NamedTuple):
 
 
 def best_under_sizes(fronts: Sequence[Front], sizes: Iterable[int]) -> list[BestUnderSize]:
-    """What the runs reached with at most each of ``sizes`` nodes, in the tests.
+    """Return the test returns that runs reached with at most each of ``sizes`` nodes.
 
     A run counts as one number, its mean test return: the spread is that of whole runs, not of episodes.
 

@@ -47,12 +47,12 @@ FITS = 4
 
 
 def is_known(spec: EnvSpec) -> bool:
-    """Whether an environment is a world that fits in tables."""
+    """Return True where all states of an environment are listed."""
     return spec.state_graph() is not None
 
 
 def run_tabular(context: TaskContext) -> None:
-    """Go the road; what is found is in the context's folder then."""
+    """Run the method; its candidates are saved in the context's folder."""
     began = time.perf_counter()
     table = best_lookup(
         TabularEvaluator(context.spec, context.seed),
@@ -77,7 +77,7 @@ LARGEST = 127
 
 
 def tasks(plan: SearchConfig, folder: Path, road: str, share: Budget, workers: int = 1) -> list[Task]:
-    """What a road is made of. ``share`` is its part of the budget, ``workers`` how many go it side by side."""
+    """Return the tasks of a method; ``share`` is its budget, ``workers`` the number of tasks that run at once."""
     number = plan.number(road)
     turns = math.ceil(number / workers)
     return [
@@ -98,7 +98,7 @@ def tasks(plan: SearchConfig, folder: Path, road: str, share: Budget, workers: i
 
 
 def place(folder: Path, road: str, index: int) -> Path:
-    """Where a task leaves what it found."""
+    """Return the folder of a task."""
     return folder / road / str(index)
 
 

@@ -1,6 +1,6 @@
 """The front as a picture: validation return against nodes, and the trees themselves beside it.
 
-A road has a colour and a mark, so that nothing is said by colour alone; the same front gives the same file.
+A method has a colour and a mark, so that nothing is said by colour alone; the same front gives the same file.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Looks: TypeAlias = Mapping[str, Look]
-"""Of roads."""
+"""Colours and marks of methods."""
 
 
 class Reference(NamedTuple):
@@ -105,7 +105,7 @@ def draw_tree(ax: Axes, point: Point) -> None:
 
 
 def looks_of(fronts: Iterable[Front]) -> Looks:
-    """A look for every road, the same whenever there are the same roads."""
+    """Return a look for every method, the same whenever the methods are the same."""
     roads = sorted({mark.method for front in fronts for mark in (*front.points, *front.candidates)})
     styles = zip(roads, cycle(_COLOURS), cycle(_MARKS), strict=False)
     return {road: Look(colour, "-", mark) for road, colour, mark in styles}

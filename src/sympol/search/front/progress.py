@@ -1,4 +1,4 @@
-"""What a search is doing now: a line on the error stream, renewed each second."""
+"""The live progress of a search: a line on the error stream, renewed each second."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SHOWN = 4
 
 
 class LiveProgress:
-    """Shows it from ``with`` to its end; where the console is no terminal, a line for each road."""
+    """A progress line inside a ``with`` block; where the console is no terminal, one line per method."""
 
     def __init__(self, plan: SearchConfig, folder: Path, console: Console) -> None:
         self._plan, self._folder, self._console = plan, folder, console
@@ -51,7 +51,7 @@ class LiveProgress:
         self._status.stop()
 
     def watch(self, doing: str, seconds: float) -> None:
-        """What the search tells it."""
+        """Receive what the search does now, and its seconds so far."""
         self._doing = doing
         if not self._console.is_terminal:
             self._console.print(f"{seconds:,.0f} s: {WORDS[doing]}", markup=False)
@@ -61,7 +61,7 @@ class LiveProgress:
             self._status.update(self.words())
 
     def words(self) -> str:
-        """The line."""
+        """Return the line."""
         elapsed = time.perf_counter() - self._began
         words = f"{WORDS.get(self._doing, self._doing)} · {_clock(elapsed)}"
         if math.isfinite(self._plan.seconds):

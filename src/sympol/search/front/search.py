@@ -1,7 +1,7 @@
-"""The search for a front: road after road, each kept as it goes, then the choice.
+"""The search for a front: one method after the other, each saved as it runs, then the selection.
 
-Everything is in one folder. What is finished is not done again, so a search that was killed goes on where it was and
-loses at most what its tasks were doing: a training goes on from its checkpoint, evolution from its last heat.
+Everything is in one folder. What is finished is not done again, so a search that was killed resumes and
+loses at most what its tasks were doing: a training resumes from its checkpoint, evolution from its last epoch.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from .selection import select_front, test
 
 PLAN = "plan.json"
 LIBRARIES = {"scikit-learn": "sklearn", "pycma": "cma"}
-"""That the teacher's road needs, and their modules."""
+"""Libraries that distillation needs, and their modules."""
 Watch: TypeAlias = Callable[[str, float], object]
 """Told what is done now, and the seconds that the search has taken so far."""
 
 
 def search(plan: SearchConfig, folder: Path, *, workers: int = 1, watch: Watch | None = None) -> Front:
-    """Search, or go on with a search that was interrupted; return the front, which is in the folder then.
+    """Search, or resume a search that was interrupted; return the front, which is also saved in the folder.
 
     Raises:
-        RunError: the folder holds something else, or the search of another plan; or a road lacks a library.
+        RunError: the folder holds something else, or the search of another plan; or a method lacks a library.
         ValueError: a budget that is too small to find anything.
-        TasksFailed: a road that failed.
+        TasksFailed: a method that failed.
         Busy: another search works in the folder.
     """
     begin(plan, folder)
@@ -93,7 +93,7 @@ def begin(plan: SearchConfig, folder: Path) -> None:
     """Make the folder of a search, or see that it holds this one.
 
     Raises:
-        RunError: it does not, or a road lacks a library.
+        RunError: it does not, or a method lacks a library.
     """
     missing = [name for name, module in LIBRARIES.items() if find_spec(module) is None]
     if "teacher" in plan.methods and missing:
@@ -125,7 +125,7 @@ def begin(plan: SearchConfig, folder: Path) -> None:
 
 
 def collected(plan: SearchConfig, folder: Path) -> tuple[list[Candidate], Cost]:
-    """All that the roads have found so far, and what they have cost together.
+    """Return all candidates of all methods so far, and their cost together.
 
     Evolution starts from what the others found, so what it found has cost what they did, too.
     """
@@ -147,7 +147,7 @@ def _warn(task: Task, messages: list[str]) -> None:
 
 
 def _seconds_before(plan: SearchConfig, folder: Path, workers: int) -> dict[str, float]:
-    """What each road had taken when the search was interrupted, so many of its tasks side by side."""
+    """Return the seconds of each method before the interruption, with ``workers`` tasks side by side."""
 
     def seconds(road: str) -> float:
         took = [
@@ -166,7 +166,7 @@ def _seconds_before(plan: SearchConfig, folder: Path, workers: int) -> dict[str,
 
 
 def _share(plan: SearchConfig, road: str, elapsed: float) -> Budget:
-    """What a road may take in all: its part, the last one all that the others have left in ``elapsed`` seconds."""
+    """Return the budget of a method: its part; for the last one, all that is left after ``elapsed`` seconds."""
     if road == plan.methods[-1]:
         return Budget(plan.steps * plan.share(road), max(1.0, plan.seconds * (1 - CHOOSING) - elapsed))
     return Budget(plan.steps * plan.share(road), plan.seconds * plan.share(road))

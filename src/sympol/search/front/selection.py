@@ -1,4 +1,4 @@
-"""From everything that was found to the front: validation, digits, and one test."""
+"""Selection of the front among all candidates: validation, rounding, and one test."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ FINALISTS = {"jax": 4, "native": 2, "host": 2}
 
 
 def select_front(plan: SearchConfig, spec: EnvSpec, found: Sequence[Candidate], spent: Cost) -> Front:
-    """The front of what was found, chosen by validation episodes, then tested.
+    """Select the front of all candidates by their returns in validation episodes.
 
     All play a few episodes, the best few of each size many others; these alone decide. Then thresholds
-    are rounded where that costs nothing. What this takes is added to ``spent``, what all roads have cost.
+    are rounded where that costs nothing. What this takes is added to ``spent``, the cost of all methods.
     """
     evaluator = make_evaluator(spec, plan.seed, "validation")
     listed = spec.all_observations()
@@ -64,7 +64,7 @@ def select_front(plan: SearchConfig, spec: EnvSpec, found: Sequence[Candidate], 
 
 
 def test(front: Front, spec: EnvSpec, episodes: int) -> Front:
-    """The front with each of its trees tested on Gymnasium, on episodes that nothing was chosen by."""
+    """Test each tree of a front on Gymnasium, on episodes by which nothing was chosen; return the tested front."""
     if spec.make_host is None:
         return front
     points = []

@@ -27,7 +27,7 @@ _MOST_PLACES = 3
 
 
 class Step(NamedTuple):
-    """What can be typed next."""
+    """A command that can follow a search."""
 
     command: str
     what: str
@@ -47,7 +47,7 @@ def table(front: Front) -> Table:
 
 
 def next_steps(front: Front, folder: str | os.PathLike[str], program: str = "sympol") -> list[Step]:
-    """What one may do with the best point of a front that is in ``folder``."""
+    """Return commands for the best point of a front in ``folder``."""
     run = shlex.quote(str(point_folder(folder, front.points[-1])))
     return [
         Step(f"{program} show {run}", "its rules"),
@@ -64,7 +64,7 @@ def markdown(front: Front) -> str:
 
 
 def format_cost(spent: Cost) -> str:
-    """What something cost: its steps, its teacher's, episodes to choose by, seconds."""
+    """Return a cost in words: steps, a teacher's steps, selection episodes, seconds."""
     parts = [
         f"{short_count(spent.env_steps)} steps"
         + (f" + {short_count(spent.teacher_steps)} of a teacher" if spent.teacher_steps else "")
