@@ -226,16 +226,16 @@ def validate(*copies: Endless, **options: Any) -> tuple[float, bool, HostRollout
 def test_where_validation_cuts_an_episode_the_next_is_another():
     """Each of the eight pays 3; were the second of a copy the first going on, it would pay nothing."""
     copies = [Endless() for _ in range(4)]
-    score, collector = validate(*copies)
-    assert (score, collector.was_cut, collector.limit) == (3.0, True, 1_000)
+    score, was_cut, source = validate(*copies)
+    assert (score, was_cut, source.limit) == (3.0, True, 1_000)
     assert [copy.total for copy in copies] == [2_000] * 4  # and not 10,000 an episode
     assert [copy.resets for copy in copies] == [3] * 4
 
 
 def test_an_episode_that_ends_at_the_limit_is_not_cut_and_who_has_played_enough_rests():
     copies = [Endless(1_000), Endless(10), Endless(10)]
-    score, collector = validate(*copies, num_eval_episodes=6)
-    assert (score, collector.was_cut) == (3.0, False)
+    score, was_cut, _ = validate(*copies, num_eval_episodes=6)
+    assert (score, was_cut) == (3.0, False)
     assert [copy.total for copy in copies] == [2_000, 20, 20]
 
 

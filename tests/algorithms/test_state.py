@@ -91,7 +91,7 @@ def test_episodes_are_counted_one_environment_at_a_time():
     np.testing.assert_allclose(episodes.running_return, [r for r, _ in running], rtol=1e-4, atol=1e-5)
     np.testing.assert_array_equal(episodes.running_length, [n for _, n in running])
 
-    reported = episodes.reported()
+    reported = episodes.after_report()
     assert (float(reported.sum_return), int(reported.sum_length), int(reported.num_ended)) == (0, 0, 0)
     np.testing.assert_array_equal(reported.running_length, episodes.running_length)
 

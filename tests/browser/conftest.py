@@ -12,7 +12,7 @@ import pytest
 
 from sympol.algorithms.config import Config
 from sympol.envs.registry import resolve
-from sympol.report import page as report
+from sympol.report import report
 from sympol.runs.run import Run
 from sympol.trees import DecisionTree
 

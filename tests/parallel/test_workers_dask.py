@@ -104,7 +104,7 @@ def test_what_kills_its_workers_is_tried_again_and_given_up(tmp_path, capfd):
 
 def test_a_worker_of_another_version_is_refused_at_the_door(cluster, monkeypatch):
     monkeypatch.setattr(
-        dask, "versions", lambda: {"python": "3.11", "sympol": "9.9.9", "jax": "0", "jaxlib": "0"}
+        dask, "training_versions", lambda: {"python": "3.11", "sympol": "9.9.9", "jax": "0", "jaxlib": "0"}
     )
     with pytest.raises(
         dask.SchedulerError, match=r"worker tcp://127\S+ has sympol 0\.\S+, this process has 9\.9\.9"
