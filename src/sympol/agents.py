@@ -20,8 +20,8 @@ from .algorithms.metrics import metrics_of, require_finite
 from .algorithms.normalization import unbroken_bounds, warn_of_bounds
 from .algorithms.presets import DEFAULT, preset
 from .algorithms.registry import algorithm_class
-from .algorithms.state import RENAMED, TrainState
-from .algorithms.trainer import Trainer, make_trainer, stops
+from .algorithms.state import TrainState
+from .algorithms.trainer import Trainer, make_loop, make_trainer, stops
 from .algorithms.warm_start import Start, start_of
 from .compilation import use_disk_cache
 from .envs.diagnostics import warn_of_cut
@@ -493,9 +493,9 @@ def load_run(run: Run) -> Agent:
     run.require_training()
     agent = agent_of(run.resolve_env(), run.config, run.seed, run.load_start())
     agent.preset = run.metadata["preset"]
-    here = replace(agent.config, num_devices=1)  # to read it, a machine need not have as many as trained it
-    template = make_trainer(agent.spec, here, agent.seed, agent.start).template()
-    agent.state = run.load_checkpoint(template, RENAMED)
+    source = agent.spec if agent.spec.env is None else agent.spec.env
+    loop = make_loop(source, agent.config.static(), warm=agent.start is not None)
+    agent.state = run.load_checkpoint(loop.saved_template())
     return agent
 
 

@@ -9,6 +9,7 @@ nothing compiles twice.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Int, PRNGKeyArray
 
-from .algorithm import Algorithm, Experience, zeros_of
+from .algorithm import Algorithm, Experience
 from .config import Config, Hyperparameters
 from .data_init import init_from_tree, init_thresholds
 from .growth import stage
@@ -120,7 +121,7 @@ class Loop:
         Returns:
             The state, with its environments reset.
         """
-        state = self._random(hyper, seed)
+        state = self._random(hyper, seed)._replace(metrics=self.zero_metrics, was_cut=jnp.bool_(False))
         return install_actor(state, given.networks.actor, given.warm) if self.warm else state
 
     def _random(self, hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
@@ -140,14 +141,10 @@ class Loop:
             metrics={},
             validation=Validation.create(networks.actor),
             memory=algorithm.init_memory(networks),
-            was_cut=jnp.bool_(False),
         )
         if self.warm:
             state = state._replace(warm=WarmStartState.zeros(config.depth))
-        state = self.rollouts.reset(state)
-        key = purpose_key(seed, "train")
-        _, metrics = jax.eval_shape(self._update, hyper, state, self.experience_shape(), key)
-        return state._replace(metrics=zeros_of(metrics))
+        return self.rollouts.reset(state)
 
     def experience_shape(self) -> Experience:
         """Compute the shapes of the longest rollout.
@@ -180,14 +177,32 @@ class Loop:
         compiled: Any = self._learn
         return compiled.compile(hyper, state, self.experience_shape(), purpose_key(seed, "train"))
 
+    def saved_template(self) -> TrainState:
+        """Make a state of zeros to load a checkpoint into; no environment is opened and no update traced for it.
+
+        Returns:
+            A state with the shapes and types of every state of this training that is saved, without metrics.
+        """
+        shapes = jax.eval_shape(self._random, self.config.hyperparameters(), np.uint32(0))
+        return jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), shapes)
+
     def template(self) -> TrainState:
-        """Make a state of zeros; no environment is opened for it.
+        """Make a state of zeros for `segment`; no environment is opened for it.
 
         Returns:
             A state with the shapes and types of every state of this training.
         """
-        shapes = jax.eval_shape(self._random, self.config.hyperparameters(), np.uint32(0))
-        return jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), shapes)
+        return self.saved_template()._replace(metrics=self.zero_metrics, was_cut=np.bool_(False))
+
+    @functools.cached_property
+    def zero_metrics(self) -> dict[str, Any]:
+        """The metrics before the first update: zeros, under the names that the algorithm returns."""
+        key = jax.eval_shape(lambda: purpose_key(jnp.uint32(0), "train"))
+        state = self.saved_template()._replace(was_cut=np.bool_(False))
+        _, metrics = jax.eval_shape(
+            self._update, self.config.hyperparameters(), state, self.experience_shape(), key
+        )
+        return jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), metrics)
 
     def is_unfinished(self, state: TrainState, stop: Int[Array, ""]) -> Any:
         """Return whether another rollout follows.

@@ -165,7 +165,7 @@ class TrainState(NamedTuple):
         timestep: Environment steps so far.
         iteration: Rollouts so far.
         episodes: Statistics of the episodes of training.
-        metrics: The metrics of the last update, by name.
+        metrics: The metrics of the last update, by name; empty in a checkpoint.
         validation: The record of validations.
         memory: What the algorithm keeps beside its networks (`Algorithm.init_memory`).
         warm: What is remembered of the tree that training started from; None where it started at random.
@@ -187,16 +187,6 @@ class TrainState(NamedTuple):
     memory: Any = None
     warm: WarmStartState | None = None
     was_cut: Bool[Array, ""] | None = None
-
-
-RENAMED = {
-    ".metrics['train/policy_gradient_loss']": ".losses.policy_loss",
-    ".metrics['train/value_loss']": ".losses.value_loss",
-    ".metrics['train/entropy']": ".losses.entropy",
-    ".metrics['train/approx_kl']": ".losses.approx_kl",
-    ".metrics['train/clip_fraction']": ".losses.clip_fraction",
-}
-"""The names of arrays in checkpoints of version 0.1.0, by the name of today."""
 
 
 def tree_where(condition: Bool[Array, "*batch"], if_true: Any, if_false: Any) -> Any:

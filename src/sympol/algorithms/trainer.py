@@ -157,7 +157,8 @@ class Trainer:
 
     def _arguments(self, state: TrainState | None, stop: int) -> tuple[Any, ...]:
         state, first = (self._initial, True) if state is None else (state, False)
-        state = state._replace(was_cut=np.bool_(False))
+        metrics = state.metrics or self._program.template.metrics  # a loaded state has none
+        state = state._replace(metrics=metrics, was_cut=np.bool_(False))
         if self._program.placement is not None:
             state = put(state, self._program.placement)
         return self._hyper, self._seed, state, np.bool_(first), np.int32(stop)

@@ -13,7 +13,6 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -83,13 +82,13 @@ def remove_all(folder: Path) -> None:
         folder.rmdir()
 
 
-def load_latest(folder: Path, like: State, renamed: Mapping[str, str] | None = None) -> tuple[State, int]:
+def load_latest(folder: Path, like: State, obsolete: tuple[str, ...] = ()) -> tuple[State, int]:
     """Read the newest checkpoint that is whole; truncated or edited ones are skipped with a warning.
 
     Args:
         folder: The folder of the checkpoints.
         like: A pytree of arrays, or of their shapes, of the form of the state.
-        renamed: The names of arrays in earlier checkpoints, by the name of today; what is left of them is ignored.
+        obsolete: How the names of arrays begin that a checkpoint may hold and that are not read.
 
     Returns:
         The state, and its environment steps.
@@ -102,7 +101,7 @@ def load_latest(folder: Path, like: State, renamed: Mapping[str, str] | None = N
     problems = []
     for seal in reversed(_seals(folder)):
         try:
-            state, timestep = _load(seal, like, renamed or {})
+            state, timestep = _load(seal, like, obsolete)
         except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
             problems.append(f"{seal.with_suffix('.safetensors').name}: {error}")
             continue
@@ -150,7 +149,7 @@ def _read_seal(path: Path) -> tuple[int, str]:
     return timestep, checksum
 
 
-def _load(seal_path: Path, like: State, renamed: Mapping[str, str]) -> tuple[State, int]:
+def _load(seal_path: Path, like: State, obsolete: tuple[str, ...]) -> tuple[State, int]:
     import jax
     from safetensors.numpy import load as load_tensors
 
@@ -164,11 +163,11 @@ def _load(seal_path: Path, like: State, renamed: Mapping[str, str]) -> tuple[Sta
     leaves = []
     for path, leaf in named:
         name = jax.tree_util.keystr(path)
-        saved = tensors.pop(name if name in tensors else renamed.get(name, name))
+        saved = tensors.pop(name)
         if saved.shape != leaf.shape or saved.dtype != leaf.dtype:
             raise ValueError(f"{name} is {saved.dtype}{saved.shape}, expected {leaf.dtype}{leaf.shape}")
         leaves.append(saved)
-    if unexpected := sorted(tensors.keys() - set(renamed.values())):
+    if unexpected := [name for name in sorted(tensors) if not name.startswith(obsolete)]:
         raise ValueError(f"unexpected arrays {unexpected}")
     return jax.tree.unflatten(jax.tree.structure(like), leaves), timestep
 

@@ -58,6 +58,8 @@ _REPAIRS = {
     errno.EACCES: "make it writable",
     errno.EPERM: "make it writable",
 }
+_OBSOLETE = (".losses.", ".metrics[")
+"""How the names of arrays begin that earlier checkpoints hold and that are not read: the metrics of the last update."""
 
 
 class Run:
@@ -351,16 +353,13 @@ class Run:
         """
         self.require_own_checkpoints()
         with self.writing():
-            save(self.path / "checkpoints", state, int(state.timestep))
+            save(self.path / "checkpoints", state._replace(metrics={}), int(state.timestep))
 
-    def load_checkpoint(
-        self, template: TrainState, renamed: Mapping[str, str] | None = None
-    ) -> TrainState | None:
+    def load_checkpoint(self, template: TrainState) -> TrainState | None:
         """Return the newest checkpoint that is whole, or None where none was saved yet.
 
         Args:
             template: A state with arrays, or their shapes, of the same form.
-            renamed: The names of arrays in earlier checkpoints, by the name of today.
 
         Returns:
             The state, or None.
@@ -377,7 +376,7 @@ class Run:
         if not has_checkpoints(folder):
             return None
         try:
-            return load_latest(folder, template, renamed)[0]
+            return load_latest(folder, template, _OBSOLETE)[0]
         except CheckpointError as error:
             raise RunError(f"{error}; train anew with --overwrite, or into another --run-dir") from error
 
