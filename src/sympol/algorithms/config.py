@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from .growth import NUM_STAGES, num_minibatches
-from .knobs import ConfigError, Knob, Range, as_plain, check, knob, knobs_of
+from .knobs import ConfigError, Range, as_plain, check, knob, knobs_of
 from .registry import ALGORITHMS
 
 MAX_TIMESTEPS = 2**29
@@ -291,7 +291,7 @@ def applies(name: str, algorithm: str, policy: str) -> bool:
 
     A field that belongs to one algorithm also belongs to those that list it in ``Algorithm.knobs``.
     """
-    only = KNOBS.get(name, Knob()).only
+    only = KNOBS[name].only
     return (
         not only or policy in only or algorithm in only or name in getattr(ALGORITHMS[algorithm], "knobs", ())
     )

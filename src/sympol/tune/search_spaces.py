@@ -22,7 +22,7 @@ What differs:
 - Learning rates are drawn on a logarithmic scale. The paper gives their ends only.
 - `learning_rate_log_std` is searched for trees with continuous actions only: with discrete ones it does nothing, and
   the rivals' grids have none.
-- A2C has no epochs and no minibatches (`rules.OWNERS`). It may also take rollouts of 16 steps: each brings one
+- A2C has no epochs and no minibatches. It may also take rollouts of 16 steps: each brings one
   update only, and with 128 and more there are too few of them.
 
 All other fields stay as in the preset that a search starts from.
@@ -32,81 +32,64 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..algorithms.config import applies
+from ..algorithms.config import KNOBS, applies
+from ..algorithms.knobs import Range
 
 if TYPE_CHECKING:
     from optuna import Trial
-
-
-@dataclass(frozen=True)
-class Range:
-    """All numbers between two, or all whole numbers between two whole ones; both ends included."""
-
-    low: float
-    high: float
-    log: bool = False
-
 
 Space: TypeAlias = Mapping[str, Range | tuple[Any, ...]]
 """By name a range, or a tuple of values to choose from. A name is a field of `Config`, `hidden_width` or
 `hidden_layers`."""
 
-_RATE = Range(1e-4, 1e-2, log=True)
-_ALL: Space = {
-    "learning_rate_critic": _RATE,
-    "num_epochs": Range(1, 10),
-    "num_steps": (128, 512),
-    "num_envs": Range(4, 16),
-    "norm_adv": (False, True),
-    "ent_coef": (0.0, 0.1, 0.2, 0.5),
-    "gae_lambda": (0.8, 0.9, 0.95, 0.99),
-    "gamma": (0.9, 0.95, 0.99, 0.999),
-    "vf_coef": (0.25, 0.5, 0.75),
+_HIDDEN: Space = {"hidden_width": Range(16, 256), "hidden_layers": Range(1, 3)}
+"""The width and the number of the hidden layers of an MLP's actor and critic, which are no fields by themselves."""
+_ALL = (
+    *("learning_rate_critic", "num_epochs", "num_steps", "num_envs", "norm_adv", "ent_coef", "gae_lambda"),
+    *("gamma", "vf_coef"),
+)
+_BASELINES = ("learning_rate_actor", "minibatch_size", "max_grad_norm")
+_OF = {
+    "tree": (
+        *("learning_rate_feature_logits", "learning_rate_thresholds", "learning_rate_leaf_values"),
+        *("learning_rate_log_std", "reduce_lr"),
+    ),
+    "mlp": _BASELINES,
+    "sdt": ("critic", "depth", "temperature", *_BASELINES),
 }
-_RIVALS: Space = {
-    "learning_rate_actor": _RATE,
-    "minibatch_size": (64, 128, 256, 512),
-    "max_grad_norm": (0.1, 0.5, 1.0, math.inf),
-}
-_OF: Mapping[str, Space] = {
-    "tree": {
-        "learning_rate_feature_logits": Range(1e-4, 0.1, log=True),
-        "learning_rate_thresholds": Range(1e-4, 0.05, log=True),
-        "learning_rate_leaf_values": Range(1e-4, 0.05, log=True),
-        "learning_rate_log_std": Range(1e-4, 0.1, log=True),
-        "reduce_lr": (False, True),
-    },
-    "mlp": {"hidden_width": Range(16, 256), "hidden_layers": Range(1, 3), **_RIVALS},
-    "sdt": {
-        "critic": ("mlp", "sdt"),
-        "depth": Range(4, 8),
-        "temperature": (0.01, 0.05, 0.1, 0.5, 1.0),
-        **_RIVALS,
-    },
-}
+"""The fields that the paper searches for each policy; what they may be stands where they are declared."""
 _FIXED: Mapping[str, Mapping[str, Any]] = {
     "tree": {"depth": 7, "minibatch_size": 64, "max_grad_norm": math.inf},
     "mlp": {},
     "sdt": {},
 }
-_HIDDEN = ("hidden_width", "hidden_layers")
 
 
 def space_of(algorithm: str, policy: str, *, continuous: bool) -> Space:
-    """What is searched for a policy, for continuous or discrete actions."""
-    space = {
-        name: values
-        for name, values in {**_OF[policy], **_ALL}.items()
-        if applies(name, algorithm, policy) and (continuous or name != "learning_rate_log_std")
-    }
+    """Return what is searched for a policy.
+
+    Args:
+        algorithm: As in ``Config.algorithm``.
+        policy: As in ``Config.policy``.
+        continuous: Whether actions are continuous.
+
+    Returns:
+        The search space of each field.
+    """
+    space: dict[str, Range | tuple[Any, ...]] = dict(_HIDDEN) if policy == "mlp" else {}
+    for name in (*_OF[policy], *_ALL):
+        search = KNOBS[name].search
+        assert search is not None, f"{name} has no search space"
+        if applies(name, algorithm, policy) and (continuous or name != "learning_rate_log_std"):
+            space[name] = search
     return {**space, "num_steps": (16, 128, 512)} if algorithm == "a2c" else space
 
 
 def fixed(algorithm: str, policy: str) -> dict[str, Any]:
-    """Fields of which a grid has one value only."""
+    """Return the fields of which a grid has one value only."""
     return {name: value for name, value in _FIXED[policy].items() if applies(name, algorithm, policy)}
 
 
