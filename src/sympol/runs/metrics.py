@@ -29,7 +29,7 @@ class SetAside(UserWarning):
     """Lines of a `metrics.csv` that cannot be read were moved to another file."""
 
 
-class Metrics(dict[str, float]):
+class MetricsRow(dict[str, float]):
     """One row by metric; a metric that the row does not have is NaN."""
 
     def __missing__(self, name: str) -> float:
@@ -68,7 +68,7 @@ class MetricsFile:
         lines = [*([] if header else [names]), [texts.get(name, "") for name in names]]
         files.append(self._path, ("" if ends_with_line else _NEWLINE) + "".join(map(_line, lines)))
 
-    def read(self) -> list[Metrics]:
+    def read(self) -> list[MetricsRow]:
         """Return all rows but one that a kill cut short. Lines that cannot be read are left out, with a warning.
 
         Raises:
@@ -147,7 +147,7 @@ class _Row(NamedTuple):
 
     text: str
     cells: Mapping[str, str]
-    values: Metrics
+    values: MetricsRow
 
 
 class _Table(NamedTuple):
@@ -216,7 +216,7 @@ def _row(line: str, header: list[str], separator: str) -> _Row | None:
     if separator != ",":  # where numbers have a decimal comma, values are separated by something else
         cells |= {name: cells[name].replace(",", ".") for name in metrics}
     try:
-        values = Metrics({name: float(cells[name] or math.nan) for name in metrics})
+        values = MetricsRow({name: float(cells[name] or math.nan) for name in metrics})
     except ValueError:
         return None
     return _Row(line, cells, values) if 0 <= values[STEP] < math.inf else None
