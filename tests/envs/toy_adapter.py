@@ -48,7 +48,7 @@ class Ladder:
         return self.observe(after, params), after, jnp.where(arrived, 1, 0), done, {"arrived": arrived}
 
     def observe(self, state: Array, params: Params) -> Array:
-        return jnp.stack([state[0] / params.height, 1 - state[1] / params.max_steps])
+        return jnp.stack([state[0] / params.height, (params.max_steps - state[1]) / params.max_steps])
 
 
 @dataclass(frozen=True)
