@@ -19,7 +19,7 @@ from sympol.search.front.candidates import Candidate, load_candidates, save_cand
 from sympol.search.front.config import SearchConfig
 from sympol.search.front.context import TaskContext
 from sympol.search.front.distillation_method import distillation_player
-from sympol.search.front.finetune_schedule import APART, FAR, best_by_halving, stages
+from sympol.search.front.finetune_schedule import FINE_TUNING, best_by_halving, stages
 from sympol.search.front.front import Cost
 
 from ...distill.teachers import cartpole, pendulum
@@ -78,9 +78,9 @@ def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int, times: 
     assert rest == pytest.approx(0)
     # what is asked for and half of it have four times as much as what is between them
     assert spent == pytest.approx([time / sum(times) for time in times])
-    assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
-    assert made[0].first_episode == FAR
-    assert made[-1].first_episode + APART <= 2**31
+    assert all(a.episodes.start + a.episodes.size == b.episodes.start for a, b in pairwise(made))
+    assert made[0].episodes.start == FINE_TUNING.start
+    assert made[-1].episodes.start + made[-1].episodes.size <= 2**31
 
 
 def test_what_goes_on_is_the_best_of_the_race():
@@ -136,7 +136,7 @@ def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypat
     first, budget, at = polished[0]
     assert first == [half_polished]
     assert budget.steps == (20e6 - 1050) * stages(7)[0].part - (so_far.env_steps - 1000)
-    assert at == FAR
+    assert at == FINE_TUNING.start
     for (trees, *_), size in zip(polished, sizes, strict=True):
         assert all(tree.n_nodes <= size for tree in trees)
     found, finished = load_candidates(context.folder)

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...agents import PPO, Agent, Callback, Report
 from ...envs.spec import EnvSpec
 from ...runs.run import Run
+from ...seeds import SeedStream
 from ...training import finish, has_run, resume_agent, save_into
 from ...trees import DecisionTree
 from ..budget import Budget
@@ -41,8 +40,12 @@ class TaskContext:
     @property
     def seed(self) -> int:
         """The seed of everything random in this task."""
-        words = [self.plan.seed, self.index, *self.folder.parent.name.encode()]
-        return int(np.random.SeedSequence(words).generate_state(1)[0])
+        return self.stream.seed()
+
+    @property
+    def stream(self) -> SeedStream:
+        """The stream of seeds of this task."""
+        return SeedStream(self.plan.seed, self.index, self.folder.parent.name)
 
 
 def train_policy(

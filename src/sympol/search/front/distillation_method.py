@@ -26,6 +26,7 @@ from ...distill import Teacher, load_sb3
 from ...distill.imitate import Play
 from ...envs.registry import resolve
 from ...play import Episodes, Purpose, play
+from ...seeds import EpisodeBlock, SeedStream
 from ...teachers import DISCRETIZE, as_teacher, default_method, distill_policy
 from ...trees import DecisionTree
 from ..evaluators import Evaluator, make_evaluator
@@ -40,6 +41,8 @@ TIMES = (4, 4, 4, 4)
 """How large distilled trees may be, in limits."""
 EPISODES = {"jax": 128, "native": 128, "host": 16}
 """Of an iteration of distillation, by what steps them."""
+DISTILLATION, BLOCKS = EpisodeBlock(1 << 10, 1 << 29), 1 << 19
+"""The episodes in which distilled trees are played, and their blocks, of which a seed draws one."""
 ITERATIONS = 12
 """Trees that are fitted one after the other, of which distillation takes the best."""
 
@@ -98,7 +101,7 @@ def _trees(
                 policy,
                 "dagger",
                 env=teacher.spec,
-                seed=(context.seed + i) % 2**32,
+                seed=context.stream.seed(i),
                 max_nodes=limit,
                 num_iterations=ITERATIONS,
                 episodes_per_iteration=episodes,
@@ -118,8 +121,8 @@ def distillation_player(evaluator: Evaluator) -> Play:
     """
 
     def play_tree(tree: DecisionTree, number: int, seed: int, purpose: Purpose) -> Episodes:
-        word = int(np.random.SeedSequence([seed, purpose == "distill"]).generate_state(1)[0])
-        episodes = range(first := (1 + word % 2**19) << 10, first + number)
+        block = SeedStream(seed, purpose == "distill").seed() % BLOCKS
+        episodes = range(first := DISTILLATION.part(block, BLOCKS).start, first + number)
         played = evaluator.play([tree], episodes)
         seen = np.zeros((0, tree.n_features), np.float32)
         if purpose == "distill":

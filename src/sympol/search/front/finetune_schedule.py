@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...envs.spec import EnvSpec
+from ...seeds import EpisodeBlock
 from ...trees import BoxActions, DecisionTree
 from ..budget import Budget
 from ..evaluators import Evaluator, make_evaluator
 from ..finetune_thresholds import FinetuneProgress, finetune_thresholds
-from ..insert_splits import EPISODES as REGROWN
 from ..insert_splits import resplit
 from .candidates import Candidate, load_candidates, save_candidates
 from .context import TaskContext, prune_candidates
@@ -40,14 +40,14 @@ STARTS = 2
 """Trees that are fine-tuned side by side at first."""
 FIRST, LAST = 32, 128
 """Episodes of a race: for all, and for the best few."""
-FAR = 1 << 30
-"""The first episode of fine-tuning."""
+FINE_TUNING = EpisodeBlock(1 << 30, 1 << 30)
+"""The episodes of fine-tuning; whatever else a search plays has lower numbers."""
+MAX_STAGES = 32
+"""Parts of these episodes, one for each size."""
 EPISODES = {"jax": 64, "native": 32, "host": 16}
 """Episodes of a generation of fine-tuning, by backend."""
-APART = 1 << 25
-"""Episodes of one size."""
-REGROWING_FROM, MOST_TURNS = 1 << 24, 16
-"""The first episode in which one size gets other questions, and how often it does at most."""
+MAX_RESPLITS = 16
+"""How often the splits of one size are exchanged at most; its second half of the episodes is divided among them."""
 
 
 def finetune_candidates(context: TaskContext, found: Sequence[Candidate], road: str) -> list[Candidate]:
@@ -76,7 +76,7 @@ class Stage:
     """To which the tree is pruned afterwards."""
     part: float
     """Of the steps and seconds that are left."""
-    first_episode: int
+    episodes: EpisodeBlock
 
 
 def stages(max_nodes: int) -> list[Stage]:
@@ -86,7 +86,7 @@ def stages(max_nodes: int) -> list[Stage]:
     sizes = [2 * n - 1 for n in dict.fromkeys(leaves.tolist()) if n > 1 < max_nodes]
     parts = [_part(size, max_nodes) for size in sizes]
     return [
-        Stage(size, end, parts[i] / sum(parts[i:]), FAR + i * APART)
+        Stage(size, end, parts[i] / sum(parts[i:]), FINE_TUNING.part(i, MAX_STAGES))
         for i, (size, end) in enumerate(zip(sizes, [*sizes, 1][1:], strict=True))
     ]
 
@@ -127,18 +127,18 @@ def _at(context: TaskContext, found: Sequence[Candidate], stage: Stage, road: st
         )
 
     episodes = EPISODES[context.spec.backend]
-    at, polishing = stage.first_episode, POLISHING if stage.nodes <= context.plan.max_nodes else 1.0
+    polishing = POLISHING if stage.nodes <= context.plan.max_nodes else 1.0
     better = finetune_thresholds(
         starts,
         evaluator,
         budget=left(polishing),
         episodes=episodes,
-        first_episode=at,
+        first_episode=stage.episodes.start,
         seed=context.seed,
         progress=tell,
     )
-    for turn in range(MOST_TURNS if polishing < 1 else 0):
-        budget, first = left(1.0), at + REGROWING_FROM + turn * REGROWN
+    for turn in range(MAX_RESPLITS if polishing < 1 else 0):
+        budget = left(1.0)
         if min(budget.steps, budget.seconds) <= 0:
             break
         better = resplit(
@@ -147,8 +147,8 @@ def _at(context: TaskContext, found: Sequence[Candidate], stage: Stage, road: st
             max_nodes=stage.nodes,
             budget=budget,
             episodes=episodes,
-            first_episode=first,
-            seed=(context.seed + turn) % 2**32,
+            first_episode=stage.episodes.part(1, 2).part(turn, MAX_RESPLITS).start,
+            seed=context.stream.seed(turn),
         )
         save_candidates(folder, [Candidate(better, road, spent())], finished=False)
     more = prune_candidates(context, better, road, spent(), smallest=stage.next_nodes)
