@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sympol.search.front.distillation_method import BLOCKS, DISTILLATION
-from sympol.search.front.finetune_schedule import FINE_TUNING, MAX_RESPLITS, stages
+from sympol.search.front.distillation import BLOCKS, DISTILLATION
+from sympol.search.front.task import FINE_TUNING, MAX_RESPLITS, stages
 from sympol.search.insert_splits import EPISODES
 from sympol.seeds import EpisodeBlock, SeedStream
 
