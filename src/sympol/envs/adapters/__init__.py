@@ -41,6 +41,14 @@ def built_in(env_id: str) -> Entry:
     return Entry()
 
 
+def lists(env_id: str) -> bool:
+    """Return whether an adapter lists an id as one of its own."""
+    return any(
+        env_id.startswith(beginning) and env_id in load(adapter).ids()
+        for beginning, adapter in ADAPTERS.items()
+    )
+
+
 def all_ids() -> Iterator[str]:
     """Yield the ids that the adapters list."""
     for adapter in dict.fromkeys(ADAPTERS.values()):
