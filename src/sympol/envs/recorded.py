@@ -51,8 +51,8 @@ class Recorded(NamedTuple):
             limit, integers = content["max_episode_steps"], content["integers"]
             if type(limit) is not int or limit < 0 or not all(type(i) is int and i >= 0 for i in integers):
                 raise ValueError("max_episode_steps and integers must be whole numbers")
-            spaces = (_Reader().space(content[name]) for name in ("observation_space", "action_space"))
-            return cls(*spaces, limit or None, tuple(integers))
+            observed, taken = (_Reader().space(content[f"{name}_space"]) for name in ("observation", "action"))
+            return cls(observed, taken, limit or None, tuple(integers))
         except (AttributeError, AssertionError, KeyError, OverflowError, TypeError, ValueError) as error:
             raise ValueError(f"not the spaces of an environment ({error})") from error
 
