@@ -22,7 +22,6 @@ FRAGMENT = re.compile(r"(Of|What|Where|Whether|How|Which|Who|Whose|When|As|To|Fo
 ROOMS_WITH_FRAGMENTS = frozenset(
     [
         "bench",
-        "envs",
         "results",
         "trees",
         "tune",
@@ -55,7 +54,6 @@ WORDS = {
 NOT_YET = frozenset(
     [
         "cli",
-        "envs",
         "trees",
         "tune",
     ]

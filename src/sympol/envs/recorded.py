@@ -1,4 +1,4 @@
-"""What a run's folder records of its environment, so that reading the run opens none."""
+"""The spaces of an environment as a run's folder records them, so that reading the run opens no environment."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ class Recorded(NamedTuple):
             limit, integers = content["max_episode_steps"], content["integers"]
             if type(limit) is not int or limit < 0 or not all(type(i) is int and i >= 0 for i in integers):
                 raise ValueError("max_episode_steps and integers must be whole numbers")
-            observed, taken = (_Reader().space(content[f"{name}_space"]) for name in ("observation", "action"))
+            observed, taken = (
+                _Reader().space(content[f"{name}_space"]) for name in ("observation", "action")
+            )
             return cls(observed, taken, limit or None, tuple(integers))
         except (AttributeError, AssertionError, KeyError, OverflowError, TypeError, ValueError) as error:
             raise ValueError(f"not the spaces of an environment ({error})") from error

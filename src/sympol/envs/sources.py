@@ -1,4 +1,4 @@
-"""What a user gives as an environment: an object, or a function that makes one."""
+"""Sources of environments, as users give them: an object, or a function that makes one."""
 
 from __future__ import annotations
 
@@ -96,12 +96,28 @@ def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
 
 
 def is_factory(env: object) -> bool:
-    """Return whether something makes an environment; a class of environments does, whatever attributes it has."""
+    """Return whether something makes an environment; a class of environments does, whatever attributes it has.
+
+    Args:
+        env: What was given.
+
+    Returns:
+        True for a function or a class.
+    """
     return callable(env) and (isinstance(env, type) or not isinstance(env, gymnasium.Env | Env))
 
 
 def make_wrapped(make: HostFactory, wrappers: Sequence[Wrapping], **options: Any) -> gymnasium.Env:
-    """Make an environment and put wrappers around it, from the innermost."""
+    """Make an environment and put wrappers around it.
+
+    Args:
+        make: A function that makes the environment.
+        wrappers: The wrappers, from the innermost.
+        options: Arguments of the function.
+
+    Returns:
+        The outermost wrapper.
+    """
     return wrap(make(**options), wrappers)
 
 
