@@ -150,8 +150,7 @@ class Box:
         if not self.made.exists():
             _make(scratch / "making")
             (scratch / "making").rename(self.made)
-        self.files = {path: path.read_bytes() for path in _files(self.made)}
-        self.files = {str(path.relative_to(self.made)): content for path, content in self.files.items()}
+        self.files = {str(path.relative_to(self.made)): path.read_bytes() for path in _files(self.made)}
         self.outside.mkdir(exist_ok=True)
 
     def fill(self, changes: dict[str, Content]) -> None:

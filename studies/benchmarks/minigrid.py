@@ -11,7 +11,6 @@ and all its readers act alike. Writes studies/results/minigrid.json, every seed 
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import Any
 
@@ -30,7 +29,7 @@ from sympol.play import episode_seed, play
 from sympol.search.evaluators.tabular import play_table
 from sympol.trees import DecisionTree
 
-from .timing import write_environments
+from .timing import arguments_of, write_environments
 
 PAPER = {  # mean return, table of the paper
     "MiniGrid-Empty-Random-6x6-v0": 0.964,
@@ -103,9 +102,7 @@ def measure(env: str, seed: int, episodes: int, options: dict[str, Any]) -> dict
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("envs", nargs="*", metavar="ENV", default=list(PAPER))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--timesteps", type=int, help="of each training; else the preset's")
