@@ -17,7 +17,7 @@ import sympol
 from sympol import DecisionTree, Start
 from sympol.agents import Agent, Report
 from sympol.algorithms.config import Config, ConfigError
-from sympol.bench.method_specs import same_config
+from sympol.bench.methods import same_config
 from sympol.functional import hard_tree
 from sympol.policies.extract import extract_tree
 from sympol.policies.tree import Tree

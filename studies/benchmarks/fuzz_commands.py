@@ -30,7 +30,7 @@ from sympol.cli.app import main
 from .fuzz_ask import Broken, TooLong
 from .fuzz_inputs import EVIL
 
-WORK = ("cli.learn:learn", "bench.bench:run", "tune.tune:tune", "search.front.search:search")
+WORK = ("cli.learn:learn", "bench.run:run", "tune.tune:tune", "search.front.search:search")
 """Functions, as the commands know them, that begin what was asked for."""
 LONG = ("play.py", "film", "distill", "report")
 """Where a command may be when it has taken long without breaking the rule: many episodes were asked for."""

@@ -27,6 +27,11 @@ Arguments = TypeVar("Arguments")
 Text: TypeAlias = tyro.conf.Positional[str]
 Folder: TypeAlias = tyro.conf.Positional[Path]
 EnvKwargs: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")]
+Flag: TypeAlias = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")]
+"""A flag that is off unless given."""
+OptionalPath: TypeAlias = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
+OptionalText: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="STR", help_behavior_hint="")]
+Texts: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="STR ...", help_behavior_hint="")]
 
 
 @dataclass(kw_only=True)
@@ -38,6 +43,17 @@ class PlaysRun:
 
     trust: bool = False
     """Import the module that the run's folder names, which runs its code."""
+
+
+@dataclass
+class Workers:
+    """Choose where trainings run. Results do not depend on it."""
+
+    workers: int = 1
+    """Number of processes on this machine."""
+
+    scheduler: OptionalText = None
+    """Address of a Dask scheduler whose workers run the trainings, such as tcp://host:8786."""
 
 
 _NUMBERS = ConstructorRegistry()

@@ -8,8 +8,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...results.number_format import count, number
-from ...results.table_formats import in_markdown, pipe_table
+from ...results.formatting import count, in_markdown, number, pipe_table
 from ...runs.formatting import decimals
 from .files import point_folder
 from .front import Cost, Front, Point
