@@ -19,7 +19,7 @@ MODULES = sorted(
 def test_it_can_be_imported_and_explains_itself(name, monkeypatch, capsys):
     module = importlib.import_module(name)
     assert module.__doc__
-    if not hasattr(module, "main"):
+    if getattr(getattr(module, "main", None), "__module__", None) != name:  # it imports another main, or none
         return
     monkeypatch.setattr("sys.argv", [name, "--help"])
     with pytest.raises(SystemExit) as stopped:
