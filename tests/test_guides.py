@@ -12,6 +12,8 @@ import pytest
 
 import sympol
 from sympol.algorithms.registry import ALGORITHMS
+from sympol.envs.adapters import ADAPTERS
+from sympol.envs.errors import UnknownEnvironment
 from sympol.trees import DecisionTree
 
 from .tiny import quick_compiles
@@ -39,7 +41,15 @@ def run_page(name: str) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_an_environment_is_added_as_the_guide_says():
-    names = run_page("add-an-environment")
+    try:
+        names = run_page("add-an-environment")
+        with pytest.raises(UnknownEnvironment, match="did you mean 'walks/long'"):
+            sympol.resolve("walks/lnog")
+    finally:
+        ADAPTERS.pop("walks/", None)
+    assert names["mean"] > 0
+    assert names["long_walk"].backend == "jax"
+    assert len(names["long_walk"].features.names) == 9
     assert isinstance(names["agent"].tree(), DecisionTree)
     graph = names["spec"].state_graph()
     env, cells = names["KnownWalk"](), names["CELLS"]

@@ -54,7 +54,7 @@ def best_returns(spec: EnvSpec, num_episodes: int) -> np.ndarray:
 
 def returns_from_all_starts(tree: DecisionTree, env: MiniGrid) -> tuple[np.ndarray, np.ndarray]:
     """What the tree earns from each start, following the graph, and the most that can be earned there."""
-    graph, starts = env.state_graph(), all_starts(env)
+    graph, starts = env.state_graph(), all_starts(env)  # pyright: ignore[reportArgumentType]
     assert graph is not None
     assert starts is not None
     state, limit = graph.index(starts), env.max_episode_steps

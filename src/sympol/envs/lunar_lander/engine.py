@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
 from numpy import ndarray
 
 from ...types import Step
-from ..adapters.gymnasium import MissingExtra
 from ..capabilities import TreeArrays
+from ..errors import MissingExtra
 
 IDS = ("LunarLander-v3", "LunarLanderContinuous-v3")
 """Environments that do the same as Gymnasium's to the bit (tests/parity/test_lunar_lander.py)."""
