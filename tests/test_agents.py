@@ -11,8 +11,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 import sympol
 from sympol.agents import Report
 from sympol.algorithms.config import ConfigError
-from sympol.envs.adapters.gymnasium import EnvironmentFailure
-from sympol.envs.registry import UnknownEnvironment
+from sympol.envs.errors import EnvironmentFailure, UnknownEnvironment
 from sympol.runs.metadata import RunError
 from sympol.trees import BoxActions, DiscreteActions, MultiDiscreteActions
 

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 import gymnasium
 import numpy as np
@@ -17,6 +18,7 @@ import sympol
 from sympol.algorithms.config import Config, applies
 from sympol.cli.app import COMMANDS
 from sympol.cli.train import parse_train
+from sympol.envs.entries import REGISTERED
 from sympol.runs.metrics import TensorBoard
 from sympol.runs.run import Run
 from sympol.trees import DecisionTree
@@ -438,10 +440,10 @@ def test_continuous_actions(tmp_path, capsys):
     assert read_summary(run)["return_mean"] == summary["return_mean"]
 
 
-def test_an_environment_that_is_only_in_jax(tmp_path, capsys, monkeypatch):
+@patch.dict(REGISTERED)
+def test_an_environment_that_is_only_in_jax(tmp_path, capsys):
     from .envs.probes import MultiDiscreteMatch
 
-    monkeypatch.setattr("sympol.envs.registry._ENTRIES", {**sympol.envs.registry._ENTRIES})
     sympol.register(
         "Signs-v0", MultiDiscreteMatch(), feature_names=("[1]", "[/]"), action_names=("one", "two")
     )
@@ -464,9 +466,9 @@ HOSTILE = (
 )
 
 
+@patch.dict(REGISTERED)
 def test_a_name_stays_a_name_everywhere(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sympol.envs.registry._ENTRIES", {**sympol.envs.registry._ENTRIES})
     from sympol.envs.classic.cartpole import CartPole
 
     actions = ("[bold]go[/]", "');import os#")

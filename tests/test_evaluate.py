@@ -11,8 +11,9 @@ from gymnasium.spaces import Box, Discrete
 
 import sympol
 from sympol.algorithms.initialization import host_seed
-from sympol.envs.adapters.gymnasium import EnvironmentFailure, HostEnvs
 from sympol.envs.diagnostics import EpisodesCut, SameEpisodes
+from sympol.envs.errors import EnvironmentFailure
+from sympol.envs.host import HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 from sympol.play import MAX_EPISODE_STEPS, episode_seed, play, sample_actions

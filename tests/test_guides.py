@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import jax
@@ -12,6 +14,8 @@ import pytest
 
 import sympol
 from sympol.algorithms.registry import ALGORITHMS
+from sympol.envs.adapters import ADAPTERS
+from sympol.envs.errors import UnknownEnvironment
 from sympol.trees import DecisionTree
 
 from .tiny import quick_compiles
@@ -29,17 +33,28 @@ def promotion():
 
 
 def run_page(name: str) -> dict[str, Any]:
-    """Execute the Python of a page, one block after another, and return its names."""
+    """Execute the Python of a page as a module, one block after another, and return its names."""
     text = (GUIDES / f"{name}.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    names: dict[str, Any] = {"__name__": name}
-    exec(compile("\n".join(blocks), f"{name}.md", "exec"), names)
-    return names
+    module = sys.modules[name] = ModuleType(name)  # where dataclasses look for the names of their fields
+    try:
+        exec(compile("\n".join(blocks), f"{name}.md", "exec"), vars(module))
+    finally:
+        del sys.modules[name]
+    return vars(module)
 
 
 @pytest.mark.slow
 def test_an_environment_is_added_as_the_guide_says():
-    names = run_page("add-an-environment")
+    try:
+        names = run_page("add-an-environment")
+        with pytest.raises(UnknownEnvironment, match="did you mean 'walks/long'"):
+            sympol.resolve("walks/lnog")
+    finally:
+        ADAPTERS.pop("walks/", None)
+    assert names["mean"] > 0
+    assert names["long_walk"].backend == "jax"
+    assert len(names["long_walk"].features.names) == 9
     assert isinstance(names["agent"].tree(), DecisionTree)
     graph = names["spec"].state_graph()
     env, cells = names["KnownWalk"](), names["CELLS"]

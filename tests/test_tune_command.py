@@ -107,7 +107,7 @@ def test_another_storage_and_another_study_have_plots_beside_them(scripted):
 
 
 def test_if_all_trials_fail_it_says_why(scripted, capsys):
-    scripted(sympol.envs.adapters.gymnasium.EnvironmentFailure("the training came to NaN"))
+    scripted(sympol.envs.errors.EnvironmentFailure("the training came to NaN"))
     assert status_of("tune", *words(2, "--save-preset", "best.toml")) == 1
     said = capsys.readouterr().err
     assert "trial 0: failed: the training came to NaN" in said

@@ -12,10 +12,10 @@ import time
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from .version import __version__ as __version__
 
 STARTED = time.perf_counter()
-"""When sympol was first imported: where a run's wall_seconds count from."""
+"""The time at which sympol was first imported, from which a run's ``wall_seconds`` count."""
 
 if TYPE_CHECKING:
     from .agents import A2C, PPO, load
@@ -58,7 +58,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: who only reads a tree does not wait for JAX."""
+    """Import a public name on first use, so that reading a tree does not wait for JAX."""
     if name not in _HOMES:
         raise AttributeError(f"module 'sympol' has no attribute {name!r}; it has {', '.join(__all__)}")
     return getattr(import_module(f".{_HOMES[name]}", __name__), name)

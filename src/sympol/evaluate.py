@@ -12,14 +12,14 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 
-from .envs.adapters.gymnasium import advance, begin
 from .envs.copies import open_copies
 from .envs.diagnostics import warn_of_cut, warn_of_same_episodes
+from .envs.host import advance, begin
 from .envs.registry import resolve
 from .envs.spec import EnvSpec
 from .play import (
-    PLAYING,
-    TEST,
+    PLAYED_BY,
+    PURPOSE_TAGS,
     Acting,
     Episodes,
     acting,
@@ -142,7 +142,7 @@ def watch(
     # an agent may also act by something that is no tree
     shown = model.tree() if getattr(model, "has_tree", False) else model  # pyright: ignore[reportAttributeAccessIssue]
     return record(
-        _answers(model, spec, deterministic, np.random.default_rng([seed, TEST])),
+        _answers(model, spec, deterministic, np.random.default_rng([seed, PURPOSE_TAGS["test"]])),
         spec,
         [episode_seed(seed, episode) for episode in range(episodes)],
         path,
@@ -183,7 +183,7 @@ def _play_one_by_one(
             were_cut = were_cut or not ended
             ends.append((first, deepcopy(observation)))
     if were_cut:
-        warn_of_cut(spec.name, PLAYING["test"], limit)
+        warn_of_cut(spec.name, PLAYED_BY["test"], limit)
     if deterministic and are_alike(returns, lengths) and all(data_equivalence(ends[0], end) for end in ends):
         warn_of_same_episodes(spec.name, num_episodes)
     return Episodes(returns, lengths, np.zeros((0, len(spec.features.names)), np.float32))

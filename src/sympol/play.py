@@ -10,31 +10,34 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checka
 import gymnasium
 import numpy as np
 
-from .envs.adapters.gymnasium import advance, begin
 from .envs.copies import open_copies
 from .envs.diagnostics import warn_of_cut, warn_of_same_episodes
 from .envs.env import MAX_EPISODE_STEPS
+from .envs.host import advance, begin
 from .envs.spec import EnvSpec
 from .trees import DecisionTree
 from .trees.actions import ActionSpec, BoxActions
 
-TEST = 0x7E57
-"""Part of every seed of test episodes and of no other."""
 Purpose: TypeAlias = Literal["test", "validation", "distill", "refine"]
-WORDS: dict[Purpose, int] = {"test": TEST, "validation": 0x7A11D, "distill": 0xD157, "refine": 0x5EF1}
-"""Part of every seed of episodes played for that."""
-PLAYING: dict[Purpose, str] = {
+PURPOSE_TAGS: dict[Purpose, int] = {
+    "test": 0x7E57,
+    "validation": 0x7A11D,
+    "distill": 0xD157,
+    "refine": 0x5EF1,
+}
+"""Tags mixed into the seed of every episode played for a purpose, so that no purpose shares episodes with another."""
+PLAYED_BY: dict[Purpose, str] = {
     "test": "evaluation",
     "validation": "validation",
     "distill": "distillation",
     "refine": "the search",
 }
-"""What plays episodes for that."""
+"""Names, in messages, of the activities that play episodes for each purpose."""
 FEW = 5
 """Fewer test episodes may be the same by chance."""
 
 Act: TypeAlias = Callable[[np.ndarray], np.ndarray]
-"""From flat observations ``[batch, features]`` to as many actions, as the environment takes them."""
+"""A function from flat observations ``[batch, features]`` to as many actions, as the environment takes them."""
 
 
 @runtime_checkable
@@ -73,12 +76,12 @@ def play(
     episodes of a deterministic policy are all the same.
     """
     require_host(spec)
-    act = acting(policy, spec, deterministic, np.random.default_rng([seed, WORDS[purpose]]))
+    act = acting(policy, spec, deterministic, np.random.default_rng([seed, PURPOSE_TAGS[purpose]]))
     seeds = [episode_seed(seed, episode, purpose) for episode in range(num_episodes)]
     with open_copies(spec, num_episodes) as copies:
         played = play_side_by_side(lambda _, x: act(x), spec, copies, seeds)
     if played.were_cut:
-        warn_of_cut(spec.name, PLAYING[purpose], limit_of(spec))
+        warn_of_cut(spec.name, PLAYED_BY[purpose], limit_of(spec))
     episodes = Episodes(played.returns, played.lengths, played.step_by_step())
     if deterministic and purpose == "test" and _are_the_same(episodes):
         warn_of_same_episodes(spec.name, num_episodes)
@@ -224,5 +227,5 @@ def episode_seed(seed: int, episode: int, purpose: Purpose = "test") -> int:
 
     Those of a training are even, too (`HostEnvs.reset`).
     """
-    word = int(np.random.SeedSequence([seed, WORDS[purpose], episode]).generate_state(1)[0])
+    word = int(np.random.SeedSequence([seed, PURPOSE_TAGS[purpose], episode]).generate_state(1)[0])
     return word | 1 if purpose == "test" else word & ~1

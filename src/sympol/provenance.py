@@ -10,8 +10,8 @@ import platform
 import subprocess
 from pathlib import Path
 
-from . import __version__
 from .threads import threads
+from .version import __version__
 
 _PACKAGE = Path(__file__).parent
 _RESULTS_DEPEND_ON = ("jax", "jaxlib", "equinox", "optax", "gymnasium", "numpy")

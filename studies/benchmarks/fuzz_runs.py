@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 
 import sympol
-from sympol.envs.adapters.gymnasium import EnvironmentFailure
+from sympol.envs.errors import EnvironmentFailure
 from sympol.runs.metadata import RunError
 from sympol.runs.run import Run
 from sympol.trees.export import FORMATS

@@ -1,7 +1,7 @@
 """Fronts that are kept, ``studies/results/fronts/<task>.json``, and the page made of them, ``docs/fronts.md``.
 
-Searches that took only some roads are kept apart, in ``studies/results/fronts/roads``: beside the whole ones they
-show what each method brings.
+Searches by only some methods are kept apart, in ``studies/results/fronts/methods``: beside the whole ones they show
+what each method contributes.
 
 ``python -m studies.galleries.fronts [FOLDER ...]`` keeps what `save_front` wrote in those folders, and
 writes the page
@@ -24,9 +24,9 @@ from sympol.results.seeds import require_training_seed
 from sympol.runs.metadata import file_name
 from sympol.search.front.config import SHARES
 from sympol.search.front.files import fields_of, front_from, load_front, point_fields, read_json
+from sympol.search.front.formatting import markdown
 from sympol.search.front.front import Front, FrontError, Point, require_one_task
 from sympol.search.front.plot import plot
-from sympol.search.front.tables import markdown
 from sympol.trees import DecisionTree
 
 from .plots import plot_gallery, smallest
@@ -73,11 +73,11 @@ def keep(fronts: Iterable[Front], root: Path) -> list[Path]:
     return written
 
 
-def path_of(environment: str, root: Path, roads: Sequence[str] = ()) -> Path:
-    """The file of a task below ``root``; of searches that took only some roads, one of its own."""
-    if len(roads) in (0, len(SHARES)):
+def path_of(environment: str, root: Path, methods: Sequence[str] = ()) -> Path:
+    """The file of a task below ``root``; of searches by only some methods, one of its own."""
+    if len(methods) in (0, len(SHARES)):
         return _folder(root) / f"{file_name(environment)}.json"
-    return _folder(root) / "roads" / f"{file_name(environment)}--{file_name('-'.join(roads))}.json"
+    return _folder(root) / "methods" / f"{file_name(environment)}--{file_name('-'.join(methods))}.json"
 
 
 def load(path: Path) -> list[Front]:
@@ -111,9 +111,9 @@ def load_all(root: Path) -> list[list[Front]]:
 
 
 def load_parts(root: Path, environment: str) -> list[list[Front]]:
-    """Read the searches of a task that took only some roads, fewer roads first."""
+    """Read the searches of a task by only some methods, fewer methods first."""
     found = [
-        load(path) for path in sorted((_folder(root) / "roads").glob(f"{file_name(environment)}--*.json"))
+        load(path) for path in sorted((_folder(root) / "methods").glob(f"{file_name(environment)}--*.json"))
     ]
     return sorted(found, key=lambda runs: len(runs[0].methods))
 
@@ -123,7 +123,7 @@ def write_docs(
 ) -> list[Path]:
     """Write ``fronts.md`` and its pictures in ``images/fronts``; those of an older page go.
 
-    ``parts`` are, task by task, searches that took only some roads.
+    ``parts`` are, task by task, searches by only some methods.
     """
     images = docs / "images" / "fronts"
     images.mkdir(parents=True, exist_ok=True)
@@ -189,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _section(fronts: Sequence[Front], parts: Sequence[Sequence[Front]]) -> str:
-    """A task: its picture, what all runs reached, what each road brings, and the first run's trees."""
+    """A task: its picture, what all runs reached, what each method contributes, and the first run's trees."""
     first, name = fronts[0], fronts[0].environment
     images = Path("images") / "fronts"
     drawn = _drawn(images, first)
@@ -198,7 +198,7 @@ def _section(fronts: Sequence[Front], parts: Sequence[Sequence[Front]]) -> str:
         f"![{name}: return against nodes]({_picture(images, fronts).as_posix()})",
         markdown_of_runs(fronts).rstrip(),
         *(
-            [f"### {name}: what each road brings", markdown_by_methods([*parts, fronts]).rstrip()]
+            [f"### {name}: what each method contributes", markdown_by_methods([*parts, fronts]).rstrip()]
             if parts
             else []
         ),

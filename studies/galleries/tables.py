@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from sympol.results.number_format import given, number
 from sympol.results.table_formats import in_markdown, pipe_table
 from sympol.runs.formatting import decimals
+from sympol.search.front.formatting import cost_line, short_count
 from sympol.search.front.front import (
     BestUnderSize,
     Front,
@@ -15,7 +16,6 @@ from sympol.search.front.front import (
     require_one_task,
     sizes_of,
 )
-from sympol.search.front.tables import cost_line, short_count
 
 from .published import Target, best_published, targets
 

@@ -19,8 +19,8 @@ from sympol.algorithms.initialization import host_seed
 from sympol.algorithms.rollouts import validation_limit
 from sympol.algorithms.state import TrainState
 from sympol.algorithms.trainer import Trainer, make_loop
-from sympol.envs.adapters.gymnasium import EnvironmentFailure
 from sympol.envs.diagnostics import EpisodesCut
+from sympol.envs.errors import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
 from sympol.types import Step

@@ -10,8 +10,9 @@ import pytest
 import sympol
 from sympol.algorithms.config import Config
 from sympol.algorithms.trainer import Trainer
+from sympol.envs.errors import MissingExtra
 from sympol.envs.lunar_lander import engine
-from sympol.envs.registry import MissingExtra, resolve
+from sympol.envs.registry import resolve
 from sympol.runs.run import Run
 from tests.algorithms.programs import begun
 from tests.algorithms.test_host_training import assert_same_bits, source_of, train

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 import sympol
-from sympol.envs.adapters.gymnasium import EnvironmentFailure
+from sympol.envs.errors import EnvironmentFailure
 from sympol.types import Step
 
 TRAINING: dict[str, Any] = {

@@ -19,8 +19,9 @@ from sympol.compilation import call_in_batches
 from sympol.envs.capabilities import steps_to_goal
 from sympol.envs.minigrid import MiniGrid, state_graph
 from sympol.envs.minigrid.cells import EMPTY, KINDS, PORTABLE, bits
-from sympol.envs.minigrid.core import IN_HAND, GridState
+from sympol.envs.minigrid.core import IN_HAND
 from sympol.envs.minigrid.state_graph import Exploration, explore, keys
+from sympol.envs.minigrid.task import GridState
 from sympol.types import Step
 
 

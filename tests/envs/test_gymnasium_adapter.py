@@ -11,8 +11,9 @@ import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
 from gymnasium.wrappers import TimeLimit
 
-from sympol.envs.adapters.gymnasium import EnvironmentFailure, HostEnvs
 from sympol.envs.classic.cartpole import CartPole, CartPoleState
+from sympol.envs.errors import EnvironmentFailure
+from sympol.envs.host import HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 

@@ -11,9 +11,9 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 import sympol
-from sympol.envs.adapters.jax_protocol import JaxEnv, kept_to_protocol
 from sympol.envs.classic.cartpole import CartPole
 from sympol.envs.env import Env
+from sympol.envs.jax_protocol import JaxEnv, kept_to_protocol
 from sympol.envs.registry import resolve
 from sympol.types import Step
 

@@ -15,10 +15,11 @@ import pytest
 
 from sympol.envs.capabilities import UNREACHABLE, steps_to_goal
 from sympol.envs.env import Env
+from sympol.envs.errors import MissingExtra, UnknownEnvironment
 from sympol.envs.minigrid import TASKS, View, make, make_host, state_graph
 from sympol.envs.minigrid.cells import EMPTY, LAVA, UNSEEN, WALL
 from sympol.envs.minigrid.state_graph import observe_all
-from sympol.envs.registry import MissingExtra, UnknownEnvironment, resolve
+from sympol.envs.registry import resolve
 from sympol.trees.groups import require_one_hot
 
 from .minigrid_worlds import all_starts, optimal_returns, reachable, step_all

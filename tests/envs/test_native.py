@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
-from sympol.envs.adapters.gymnasium import HostEnvs
+from sympol.envs.adapters import ADAPTERS
+from sympol.envs.entries import REGISTERED
+from sympol.envs.errors import MissingExtra
+from sympol.envs.host import HostEnvs
 from sympol.envs.lunar_lander import engine
 from sympol.envs.lunar_lander.engine import IDS as TASKS
 from sympol.envs.lunar_lander.engine import NativeEnvs
-from sympol.envs.registry import MissingExtra, register, resolve
+from sympol.envs.registry import register, resolve
 
 NUM_ENVS = 6
 CONTINUOUS = "LunarLanderContinuous-v3"
@@ -143,7 +147,7 @@ def test_without_numba_the_message_says_how_to_install_it(monkeypatch):
 
 
 def test_only_what_has_been_compared_is_offered(monkeypatch):
-    monkeypatch.setattr("sympol.envs.registry._ENTRIES", {})
+    monkeypatch.delitem(ADAPTERS, "CartPole-")
     assert resolve("CartPole-v1").backend == "host"
     for name in ("CartPole-v1", "Blackjack-v1"):
         with pytest.raises(
@@ -152,13 +156,13 @@ def test_only_what_has_been_compared_is_offered(monkeypatch):
             resolve(name, backend="native")
 
 
-def test_only_the_environment_as_it_is(monkeypatch):
+@patch.dict(REGISTERED)
+def test_only_the_environment_as_it_is():
     kwargs = {"enable_wind": True}
     assert resolve("LunarLander-v3", env_kwargs=kwargs).backend == "host"
     with pytest.raises(ValueError, match="by id and without env_kwargs"):
         resolve("LunarLander-v3", env_kwargs=kwargs, backend="native")
     assert resolve(lambda: resolve("LunarLander-v3").make_host()).backend == "host"
-    monkeypatch.setattr("sympol.envs.registry._ENTRIES", {})
     register("LunarLander-v3", feature_names=list("abcdefgh"))
     assert resolve("LunarLander-v3").backend == "native"
     register("LunarLander-v3", resolve("LunarLander-v3").make_host)

@@ -7,6 +7,7 @@ import enum
 from collections import defaultdict, deque
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium
 import numpy as np
@@ -15,10 +16,10 @@ from gymnasium import wrappers
 
 import sympol
 from sympol.algorithms.presets import preset
-from sympol.envs import registry
-from sympol.envs.adapters.gymnasium import EnvironmentFailure
+from sympol.envs.entries import REGISTERED
 from sympol.envs.equality import are_equal, step_limit
-from sympol.envs.registry import UnknownEnvironment, resolve
+from sympol.envs.errors import EnvironmentFailure, UnknownEnvironment
+from sympol.envs.registry import resolve
 from sympol.envs.spec import OneCopy
 from sympol.play import episode_seed
 from sympol.runs.metadata import RunError
@@ -192,11 +193,11 @@ def test_containers_are_compared_with_all_they_have(a, b):
     assert not are_equal(a, b)
 
 
+@patch.dict(REGISTERED)
 @pytest.mark.parametrize("how", ["registered", "limit", "ours"])
 def test_an_id_that_means_another_environment_has_no_form_and_no_preset_of_ours(how, monkeypatch, tmp_path):
     monkeypatch.setattr(gymnasium.envs.registration, "registry", dict(gymnasium.registry))
     monkeypatch.setattr(gymnasium, "registry", gymnasium.envs.registration.registry)
-    monkeypatch.setattr(registry, "_ENTRIES", dict(registry._ENTRIES))
     usual = gymnasium.registry["CartPole-v1"]
     if how == "registered":
         gymnasium.registry["CartPole-v1"] = gymnasium.envs.registration.EnvSpec("CartPole-v1", Recording)

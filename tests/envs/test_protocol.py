@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium
 import jax
@@ -12,11 +13,11 @@ import numpy as np
 import pytest
 
 from sympol.envs import env as protocol
-from sympol.envs import registry
 from sympol.envs.classic.acrobot import Acrobot
 from sympol.envs.classic.cartpole import CartPole
 from sympol.envs.classic.mountain_car import MountainCar, MountainCarContinuous
 from sympol.envs.classic.pendulum import Pendulum
+from sympol.envs.entries import REGISTERED
 from sympol.envs.env import Env
 
 from .probes import PROBES, ContinuousMatch, Discount, MatchObservation, MultiDiscreteMatch, TimeLimit
@@ -96,7 +97,7 @@ def test_the_time_limit_probe_is_never_terminated() -> None:
     assert ends == [(False, False)] * 4 + [(False, True)]
 
 
-def test_the_example_of_the_protocol_runs(monkeypatch):
-    monkeypatch.setattr(registry, "_ENTRIES", dict(registry._ENTRIES))
+@patch.dict(REGISTERED)
+def test_the_example_of_the_protocol_runs():
     results = doctest.testmod(protocol)
     assert (results.failed, results.attempted) == (0, 10)

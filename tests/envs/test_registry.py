@@ -2,17 +2,20 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete
 
-from sympol.envs import registry
 from sympol.envs.classic.cartpole import CartPole
+from sympol.envs.entries import REGISTERED
+from sympol.envs.errors import UnknownEnvironment
 from sympol.envs.names import NAMES
-from sympol.envs.registry import UnknownEnvironment, register, resolve
+from sympol.envs.registry import register, resolve
 
 from .probes import MultiDiscreteMatch
 
@@ -36,8 +39,9 @@ class Secretive(gymnasium.Wrapper):
 
 
 @pytest.fixture(autouse=True)
-def _own_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "_ENTRIES", dict(registry._ENTRIES))
+def _own_names() -> Iterator[None]:
+    with patch.dict(REGISTERED):
+        yield
 
 
 @pytest.mark.parametrize("name", TWINS)

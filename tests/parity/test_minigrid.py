@@ -13,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from sympol.envs.minigrid import TASKS, MiniGrid, make, make_host, random_layouts
-from sympol.envs.minigrid.core import GridState, visible
+from sympol.envs.minigrid.core import visible
+from sympol.envs.minigrid.task import GridState
 from tests.envs.minigrid_worlds import (
     World,
     all_starts,

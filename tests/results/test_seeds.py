@@ -9,7 +9,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from sympol.algorithms.initialization import PURPOSES, host_seed, purpose_key
-from sympol.envs.adapters.gymnasium import HostEnvs
+from sympol.envs.host import HostEnvs
 from sympol.envs.spaces import Features
 from sympol.play import episode_seed
 from sympol.results.seeds import SEARCH, TRAINING, require_search_seed, require_training_seed

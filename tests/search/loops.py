@@ -11,7 +11,7 @@ import numpy as np
 
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.play import WORDS
+from sympol.play import PURPOSE_TAGS
 from sympol.search.evaluators.base import Returns
 from sympol.trees import DecisionTree
 
@@ -68,7 +68,7 @@ def jax_loop(
     """One episode of an environment written in JAX, step by step."""
     env: Any = spec.env
     reset, step = _jitted(env)
-    words = jnp.asarray(np.array([WORDS[purpose], SEED], np.uint32))
+    words = jnp.asarray(np.array([PURPOSE_TAGS[purpose], SEED], np.uint32))
     reset_key, step_key = jax.random.split(jax.random.fold_in(jax.random.wrap_key_data(words), episode))
     state, x = reset(reset_key)
     total, seen = np.float32(0), []

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sympol.envs.adapters.gymnasium import EnvironmentFailure
+from sympol.envs.errors import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.envs.spec import EnvSpec
-from sympol.play import WORDS, episode_seed, play
+from sympol.play import PURPOSE_TAGS, episode_seed, play
 from sympol.search.evaluators import Evaluator, Returns, make_evaluator
 from sympol.search.evaluators import jax as batched
 from sympol.search.evaluators import jax as compiled
@@ -186,7 +186,7 @@ def test_seeds_are_never_a_test_s():
         seeds = {episode_seed(SEED, episode, purpose) for episode in range(1000)}
         assert not seeds & tests
         assert len(seeds) == 1000
-    assert len(set(WORDS.values())) == len(WORDS)
+    assert len(set(PURPOSE_TAGS.values())) == len(PURPOSE_TAGS)
 
 
 @EVERYWHERE

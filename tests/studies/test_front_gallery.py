@@ -131,18 +131,18 @@ def test_the_same_results_give_the_same_page_and_old_pictures_go(tmp_path):
     assert not (tmp_path / "images" / "fronts" / "old.svg").exists()
 
 
-def with_roads(seed, *roads, shift=0.0):
-    return replace(ladder(seed, shift=shift), budget={"budget": "2m", "roads": list(roads)})
+def with_methods(seed, *methods, shift=0.0):
+    return replace(ladder(seed, shift=shift), budget={"budget": "2m", "methods": list(methods)})
 
 
-def test_searches_by_some_roads_are_kept_apart_and_stand_beside_the_whole_ones(tmp_path):
-    whole = [with_roads(seed, "scratch", "teacher", "evolve") for seed in (0, 1)]
-    alone = [with_roads(seed, "scratch", shift=-20 - seed) for seed in (0, 1)]
-    keep([*whole, *alone, with_roads(0, "scratch", "../../evolve", shift=-5)], tmp_path)
+def test_searches_by_some_methods_are_kept_apart_and_stand_beside_the_whole_ones(tmp_path):
+    whole = [with_methods(seed, "scratch", "teacher", "evolve") for seed in (0, 1)]
+    alone = [with_methods(seed, "scratch", shift=-20 - seed) for seed in (0, 1)]
+    keep([*whole, *alone, with_methods(0, "scratch", "../../evolve", shift=-5)], tmp_path)
     [tasks] = load_all(tmp_path)
     assert [front.seed for front in tasks] == [0, 1]
-    folder = tmp_path / "studies" / "results" / "fronts" / "roads"
-    assert len([*folder.iterdir()]) == 2  # no road is a path
+    folder = tmp_path / "studies" / "results" / "fronts" / "methods"
+    assert len([*folder.iterdir()]) == 2  # no method is a path
     parts = load_parts(tmp_path, "CartPole-v1")
     assert [len(runs) for runs in parts] == [2, 1]
     assert parts[0] == [replace(run, candidates=()) for run in alone]
@@ -152,10 +152,10 @@ def test_searches_by_some_roads_are_kept_apart_and_stand_beside_the_whole_ones(t
     assert [row.split(" | ")[1:3] for row in (rows[0], rows[-1])] == [
         ["2", f"{of.mean:.1f} ± {of.std:.1f}"] for of in best
     ]
-    assert "what each road brings" not in page([tasks])
+    assert "what each method contributes" not in page([tasks])
 
 
-def test_a_road_cannot_write_on_the_page():
+def test_a_method_cannot_write_on_the_page():
     text = page([[front([point(3, 1.0, method="<script>|*x*")])]])
     assert "<script>" not in text
     assert r"&lt;script&gt;\|\*x\*" in text

@@ -13,7 +13,7 @@ from studies.galleries.tables import markdown_of_runs
 from sympol.search.front.plot import Reference
 
 from ..search.front.synthetic import front, ladder, point
-from ..search.front.test_tables import rows_of
+from ..search.front.test_formatting import rows_of
 
 
 def test_a_mean_that_reaches_its_target_is_bold():

@@ -11,7 +11,7 @@ import pytest
 from optuna.trial import TrialState
 
 from sympol.agents import agent_of
-from sympol.envs.adapters.gymnasium import EnvironmentFailure
+from sympol.envs.errors import EnvironmentFailure
 from sympol.tune import tune as module
 from sympol.tune.report import best_trials, counts, importances, write_plots
 from sympol.tune.search_spaces import Range

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Int, PRNGKeyArray
 
-from ..envs.adapters.gymnasium import EnvironmentFailure
+from ..envs.errors import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..policies.actor import Actor
 from ..types import Transition

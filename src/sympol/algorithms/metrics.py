@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
-from ..envs.adapters.gymnasium import EnvironmentFailure, too_large
+from ..envs.errors import EnvironmentFailure
+from ..envs.host import too_large
 from .state import TrainState
 
 

@@ -96,7 +96,7 @@ def _run(words: list[str]) -> int:
         print(usage(), end="")
         return 0
     if words[0] == "--version":
-        from .. import __version__
+        from ..version import __version__
 
         print(f"sympol {__version__}")
         return 0

@@ -69,7 +69,7 @@ def _status(error: Exception) -> int | None:
     # what was raised by these has imported them already
     import gymnasium
 
-    from ..envs.adapters.gymnasium import EnvironmentFailure
+    from ..envs.errors import EnvironmentFailure
     from ..parallel import TasksFailed
 
     return 1 if isinstance(error, EnvironmentFailure | TasksFailed | gymnasium.error.Error) else None

@@ -14,7 +14,7 @@ from typing import Any
 from .. import STARTED, files
 from ..agents import Agent, Report
 from ..algorithms.config import Config
-from ..envs.adapters.gymnasium import EnvironmentFailure
+from ..envs.errors import EnvironmentFailure
 from ..envs.spec import EnvSpec
 from ..interrupts import interrupts, say
 from ..play import Episodes, play

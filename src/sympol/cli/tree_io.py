@@ -98,7 +98,8 @@ def _environment(path: Path, name: object, meta: object, *, trust: bool = False)
         raise RunError(f"{path} names the environment {name!r}, which must be text, such as 'CartPole-v1'")
     require_no_import(name, path, trust=trust)
 
-    from ..envs.registry import UnknownEnvironment, resolve
+    from ..envs.errors import UnknownEnvironment
+    from ..envs.registry import resolve
 
     try:
         origin = Origin.from_dict(meta if isinstance(meta, dict) else {})

@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..play import Episodes, Purpose, play
+from ..seeds import SeedStream
 from ..trees import DecisionTree
 from .cart import fit_cart
 from .dataset import Demonstrations, Limits, Losses, labelled, require_positive, require_seed
@@ -88,7 +89,7 @@ def imitate(
     collected = labelled(teacher, played.observations, losses)
     candidates: list[Candidate] = []
     for i in range(1, schedule.num_iterations + 1):
-        sample = draw(collected, schedule.max_samples, np.random.default_rng([seed, i]))
+        sample = draw(collected, schedule.max_samples, SeedStream(seed, i).generator())
         tree = fit_cart(sample.observations, sample.actions, spec, seed=seed, **limits._asdict())
         played = play_tree(tree, num_episodes, iteration_seed(seed, i), "distill")
         candidates.append(Candidate(float(played.returns.mean()), tree))
@@ -121,4 +122,4 @@ def best_of(candidates: Sequence[Candidate], play_tree: Play, num_episodes: int,
 
 def iteration_seed(seed: int, iteration: int) -> int:
     """Other episodes in each iteration than in all others, and than the teacher's, which have the seed itself."""
-    return int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0])
+    return SeedStream(seed, iteration).seed()

@@ -5,12 +5,9 @@ from __future__ import annotations
 import importlib
 import json
 import zipfile
-from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ..envs.spec import EnvSpec
 from .teacher import Teacher
@@ -70,30 +67,6 @@ def load_sb3(path: str | PathLike[str], spec: EnvSpec, *, trust: bool = False) -
             "it yourself and give Teacher.from_model the model"
         ) from error
     return Teacher.from_model(model, spec)
-
-
-def find_action_values(model: Any) -> Callable[[Any], np.ndarray] | None:
-    """Return what gives a stable-baselines3 model's action values for a batch of observations, or None.
-
-    DQN: Q-values. PPO, A2C and their like with discrete actions: log-probabilities, of several components in turn.
-    """
-    policy: Any = getattr(model, "policy", None)
-    q_net: Any = getattr(model, "q_net", None)
-    get_distribution: Any = getattr(policy, "get_distribution", None)
-    if not callable(getattr(policy, "obs_to_tensor", None)) or not (q_net or get_distribution):
-        return None
-
-    def values(observations: Any) -> np.ndarray:
-        policy.set_training_mode(False)
-        tensors, _ = policy.obs_to_tensor(observations)
-        if q_net is not None:
-            return q_net(tensors).detach().cpu().numpy()
-        parts = get_distribution(tensors).distribution
-        parts = parts if isinstance(parts, list | tuple) else [parts]
-        # the logits of torch's Categorical are normalised: they are log-probabilities
-        return np.concatenate([part.logits.detach().cpu().numpy() for part in parts], axis=1)
-
-    return values
 
 
 def _find(path: Path) -> Path:

@@ -139,7 +139,6 @@ class Teacher:
         its = [getattr(model, name, None) for name in ("observation_space", "action_space")]
         if None not in its:
             check_spaces(spec, *its)
-        from .sb3 import find_action_values
 
         def act(x: np.ndarray) -> Any:
             return model.predict(unflatten(spec.observation_space, x), deterministic=True)[0]
@@ -147,6 +146,30 @@ class Teacher:
         values = None if isinstance(spec.actions, BoxActions) else find_action_values(model)
         asked = values and (lambda x: values(unflatten(spec.observation_space, x)))
         return cls(spec, act, asked)
+
+
+def find_action_values(model: Any) -> Callable[[Any], np.ndarray] | None:
+    """Return what gives a stable-baselines3 model's action values for a batch of observations, or None.
+
+    DQN: Q-values. PPO, A2C and their like with discrete actions: log-probabilities, of several components in turn.
+    """
+    policy: Any = getattr(model, "policy", None)
+    q_net: Any = getattr(model, "q_net", None)
+    get_distribution: Any = getattr(policy, "get_distribution", None)
+    if not callable(getattr(policy, "obs_to_tensor", None)) or not (q_net or get_distribution):
+        return None
+
+    def values(observations: Any) -> np.ndarray:
+        policy.set_training_mode(False)
+        tensors, _ = policy.obs_to_tensor(observations)
+        if q_net is not None:
+            return q_net(tensors).detach().cpu().numpy()
+        parts = get_distribution(tensors).distribution
+        parts = parts if isinstance(parts, list | tuple) else [parts]
+        # the logits of torch's Categorical are normalised: they are log-probabilities
+        return np.concatenate([part.logits.detach().cpu().numpy() for part in parts], axis=1)
+
+    return values
 
 
 def _log_of(probabilities: Ask, x: np.ndarray) -> np.ndarray:

@@ -93,7 +93,7 @@ def steps_to_goal(
 class VectorEnvs(Protocol):
     """E copies of an environment that are stepped together on the host and restart by themselves.
 
-    `sympol.envs.adapters.gymnasium.HostEnvs` is the form for any Gymnasium environment.
+    `sympol.envs.host.HostEnvs` is the form for any Gymnasium environment.
     """
 
     @property
@@ -177,7 +177,7 @@ class NativeEngine(Protocol):
         ...
 
     def require_installed(self) -> None:
-        """Raise `MissingExtra` of `sympol.envs.adapters.gymnasium`, with the remedy, unless `is_installed`."""
+        """Raise `sympol.envs.errors.MissingExtra`, with the remedy, unless `is_installed`."""
         ...
 
     def make_envs(self, num_envs: int) -> VectorEnvs:

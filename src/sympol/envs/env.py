@@ -59,7 +59,7 @@ class Env(Protocol[State]):
     """A pure-JAX environment; any object of this shape can be trained on.
 
     `sympol.resolve` also accepts rewards and observations of another dtype, Python's own numbers and bools, and keys of
-    `jax.random` in the state; `sympol.envs.adapters.jax_protocol` casts them.
+    `jax.random` in the state; `sympol.envs.jax_protocol` casts them.
 
     The observation is a flat float32 vector, one number per feature. The action is an int32 scalar in
     ``[0, n)`` for ``Discrete(n)``, an int32 vector for ``MultiDiscrete``, and for ``Box`` a float32 array of

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..trees.actions import ActionSpec
-from .adapters.gymnasium import HostEnvs
 from .capabilities import NativeEngine, StateGraph, VectorEnvs
 from .env import Env
+from .host import HostEnvs
 from .origin import Origin, Wrapping
 from .spaces import Features
 
@@ -49,6 +49,8 @@ class EnvSpec:
         most_copies: The most copies that are open at once where whole episodes are played.
         native: The machine code that it is trained on, if any.
         speed_hint: What to install for faster training; empty if nothing.
+        drawing: The drawing that the report page makes of the observations of the environment as it is registered;
+            empty if it shows frames.
         all_observations: A function that lists all possible observations ``[batch, features]``, or returns None.
         find_origin: A function that returns how the environment was made.
         find_copies: A function that returns one that makes copies proven to be the same, or None.
@@ -62,10 +64,11 @@ class EnvSpec:
     features: Features
     actions: ActionSpec
     max_episode_steps: int | None
-    has_one_copy: bool = False  # make_host returns the user's own object, each time
-    most_copies: int = 16  # open at once where whole episodes are played
+    has_one_copy: bool = False
+    most_copies: int = 16
     native: NativeEngine | None = None
-    speed_hint: str = ""  # what to install for faster training
+    speed_hint: str = ""
+    drawing: str = ""
     all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
     find_origin: Callable[[], Origin] = Origin
     find_copies: Callable[[], HostFactory | None] = no_copies

@@ -12,8 +12,9 @@ import gymnasium
 import numpy as np
 from PIL import Image
 
-from ..envs.adapters.gymnasium import EnvironmentFailure, advance, begin
 from ..envs.env import MAX_EPISODE_STEPS
+from ..envs.errors import EnvironmentFailure
+from ..envs.host import advance, begin
 from ..envs.spec import EnvSpec
 
 

@@ -11,7 +11,7 @@ from gymnasium.spaces.utils import flatdim
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # pyright: ignore[reportMissingImports]
 from torch import Tensor  # pyright: ignore[reportMissingImports]
 
-from ..envs.adapters.gymnasium import advance, begin, too_large
+from ..envs.host import advance, begin, too_large
 from ..envs.spaces import LARGEST, Features
 from ..functional.float32_order import UNDERFLOW
 from ..functional.spread import LARGEST_SCALE, moves

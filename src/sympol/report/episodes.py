@@ -13,13 +13,11 @@ from ..agents import Agent
 from ..envs.copies import open_copies
 from ..envs.spec import EnvSpec
 from ..film.rendering import CannotRender, frame_of, rendering, steps
-from ..play import TEST, acting, require_host
+from ..play import PURPOSE_TAGS, acting, require_host
 from ..trees import DecisionTree
 from ..trees.report import packed
 from .frames import Frames, within_budget
 
-DRAWN = ("CartPole-v1", "Pendulum-v1", "Acrobot-v1", "MountainCar-v0", "MountainCarContinuous-v0")
-"""What the page draws itself out of the observations (drawings.js)."""
 MOST_NUMBERS = 100_000
 """Of all observations in a page: longer episodes are cut."""
 _FPS, _SLOWEST_FPS, _SECONDS = 30.0, 2.0, 8.0
@@ -27,8 +25,8 @@ _DIGITS = 3
 
 
 def drawing_of(spec: EnvSpec) -> str | None:
-    """Return which of its own drawings the page makes of an environment, None where it needs frames."""
-    return spec.name if spec.preset_id in DRAWN else None
+    """Return the drawing that the page makes of observations (drawings.js), None where it needs frames."""
+    return spec.drawing if spec.drawing and spec.preset_id else None
 
 
 def filmed(
@@ -48,7 +46,7 @@ def filmed(
     with _shown(spec) as (env, draws):
         all_played = []
         for policy in policies:
-            answers = acting(policy, spec, True, np.random.default_rng([0, TEST]))
+            answers = acting(policy, spec, True, np.random.default_rng([0, PURPOSE_TAGS["test"]]))
             played = []
             for seed in seeds:
                 tell(f"playing episode {len(played) + 1} of {len(seeds)}")

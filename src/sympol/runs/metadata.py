@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
-from .. import __version__, files
+from .. import files
 from ..algorithms.config import Config, ConfigError
 from ..bounded import parse_toml
 from ..envs.origin import Origin
 from ..provenance import versions
 from ..trees.groups import Group
+from ..version import __version__
 
 if TYPE_CHECKING:
     from ..envs.spec import EnvSpec

@@ -28,11 +28,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from .. import __version__, files
+from .. import files
 from ..algorithms.config import Config
 from ..bounded import parse_json
 from ..envs.origin import Origin
 from ..trees import DecisionTree
+from ..version import __version__
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save
 from .clearing import FORMS, START, clear, folder_flag, require_free, written_by
 from .lock import FolderLock, Held
@@ -275,7 +276,8 @@ class Run:
             RunError: The folder does not describe all of the environment, no such id is known here, or it needs a
                 module that must not be imported.
         """
-        from ..envs.registry import UnknownEnvironment, resolve
+        from ..envs.errors import UnknownEnvironment
+        from ..envs.registry import resolve
         from ..envs.spec import EnvSpec
 
         names = {name: self.metadata[name] for name in ("feature_names", "action_names", "groups")}

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from ..envs.capabilities import StateGraph, steps_to_goal
+from ..seeds import SeedStream
 from .budget import Budget
 from .evaluators.tabular import TabularEvaluator, path, play_table
 
@@ -50,7 +51,7 @@ class Lookup(NamedTuple):
 
 def best_lookup(evaluator: TabularEvaluator, *, budget: Budget, seed: int = 0) -> Lookup:
     """Search until nothing can be better, or the budget is spent. With a budget in steps, the same seed ends alike."""
-    search = _Search(evaluator.graph, evaluator.starts(range(EPISODES)), np.random.default_rng(seed))
+    search = _Search(evaluator.graph, evaluator.starts(range(EPISODES)), SeedStream(seed).generator())
     began = time.perf_counter()
     best, mean = search.begin(), -np.inf
     for act in search.policies():

@@ -17,6 +17,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float32
 
+from ..seeds import SeedStream
 from ..trees import DecisionTree
 from .budget import Budget
 from .evaluators.base import Evaluator
@@ -152,7 +153,7 @@ def evolve(
     limit = max(
         max_nodes, *(tree.n_nodes for tree in starts)
     )  # from a large tree to small ones, step by step
-    search = _Search(evaluator, starts[0], limit, episodes, np.random.default_rng(seed))
+    search = _Search(evaluator, starts[0], limit, episodes, SeedStream(seed).generator())
     began, spent = time.perf_counter(), evaluator.steps
     search.begin([to_nested(tree) for tree in starts])
 

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from ..seeds import SeedStream
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
 from ..trees.floats import flushed
@@ -265,7 +266,7 @@ def _strategy(size: int, seed: int) -> Any:
         raise ImportError(
             "polishing a tree needs pycma, which is not installed; install it: pip install 'sympol[bench]'"
         ) from error
-    rng = np.random.default_rng(seed)
+    rng = SeedStream(seed).generator()
     options = {
         "popsize": POPULATION_FACTOR * (4 + int(3 * math.log(size))),
         "randn": lambda *shape: rng.standard_normal(shape),

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32
 
+from ..seeds import EpisodeBlock, SeedStream
 from ..trees import DecisionTree
 from ..trees.edit import graft_all, leaf_tree, split_tree, subtree, subtree_end
 from .budget import Budget
@@ -136,7 +137,7 @@ def insert_splits(
     Raises:
         ValueError: a tree for other features or actions.
     """
-    rng, at, missed = np.random.default_rng(seed), first_episode, 0
+    rng, at, missed = SeedStream(seed).generator(), first_episode, 0
     effort = effort or {"jax": COMPILED, "native": NATIVE}.get(evaluator.spec.backend, HOSTED)
     began, before = time.perf_counter(), evaluator.steps
     while tree.n_nodes < nodes and missed < PATIENCE:
@@ -175,7 +176,6 @@ POLISHING = 1 / 3
 """Budget of each fine-tuning, as a part of what was spent before it."""
 EPISODES = 1 << 20
 """That are played at most; growing begins with the first of them."""
-SHRINKING_FROM, JUDGING_FROM, POLISHING_FROM, FINISHING_FROM = 1 << 18, 3 << 17, 1 << 19, 5 << 17
 
 
 def resplit(
@@ -207,8 +207,11 @@ def resplit(
         ValueError: a tree for other features or actions.
     """
     began, before = time.perf_counter(), evaluator.steps
+    parts = [
+        EpisodeBlock(first_episode, EPISODES).part(i, 8) for i in range(8)
+    ]  # inserting takes the first two
 
-    def fine_tuned(one: DecisionTree, at: int) -> DecisionTree:
+    def fine_tuned(one: DecisionTree, block: EpisodeBlock) -> DecisionTree:
         """Fine-tune for a part of what was spent so far, within what is left."""
         steps, seconds = evaluator.steps - before, time.perf_counter() - began
         left = Budget(budget.steps - steps, budget.seconds - seconds)
@@ -217,7 +220,7 @@ def resplit(
             evaluator,
             budget=Budget(min(POLISHING * steps, left.steps), left.seconds),
             episodes=episodes,
-            first_episode=first_episode + at,
+            first_episode=block.start,
             seed=seed,
         )
 
@@ -231,12 +234,10 @@ def resplit(
     )
     if grown is tree:
         return tree
-    larger = fine_tuned(grown, POLISHING_FROM)
-    smaller = prune_path(larger, evaluator, smallest=max_nodes, first_episode=first_episode + SHRINKING_FROM)[
-        -1
-    ].tree
-    better = fine_tuned(smaller, FINISHING_FROM)
+    larger = fine_tuned(grown, parts[4])
+    smaller = prune_path(larger, evaluator, smallest=max_nodes, first_episode=parts[2].start)[-1].tree
+    better = fine_tuned(smaller, parts[5])
     rivals = list(dict.fromkeys([tree, smaller, better]))
-    start = first_episode + JUDGING_FROM
+    start = parts[3].start
     judged = evaluator.play(rivals, range(start, start + 4 * default_effort(evaluator).last)).returns
     return rivals[int(judged.mean(axis=1, dtype=np.float64).argmax())]

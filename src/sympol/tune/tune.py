@@ -15,7 +15,7 @@ import numpy as np
 
 from ..agents import Agent, Report, agent_of
 from ..algorithms.config import Config
-from ..envs.adapters.gymnasium import EnvironmentFailure
+from ..envs.errors import EnvironmentFailure
 from ..parallel import Failure, Task, TasksFailed, run_tasks
 from ..results.seeds import require_search_seed
 from .search_spaces import drawn

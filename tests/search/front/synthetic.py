@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sympol.search.front.front import Cost, Front, Point, ReturnSummary
+from sympol.search.budget import Cost
+from sympol.search.front.front import Front, Point, ReturnSummary
 from sympol.trees import DecisionTree
 from sympol.trees.actions import DiscreteActions
 
@@ -64,7 +65,7 @@ def front(points: Sequence[Point], *, seed: int = 0, environment: str = "CartPol
 
 
 def ladder(seed: int = 0, *, environment: str = "CartPole-v1", shift: float = 0.0) -> Front:
-    """Points of 1, 5, 7 and 31 nodes by two roads."""
+    """Points of 1, 5, 7 and 31 nodes by two methods."""
     rows = [(1, 9.0, "scratch"), (5, 400.0, "teacher"), (7, 450.0, "scratch"), (31, 500.0, "teacher")]
     points = [point(nodes, mean + shift, method=method) for nodes, mean, method in rows]
     return front(points, seed=seed, environment=environment)

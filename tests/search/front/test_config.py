@@ -1,4 +1,4 @@
-"""What a search may be asked for."""
+"""The configuration of a search."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import re
 import pytest
 
 from sympol.algorithms.presets import search_defaults
-from sympol.search.front.config import CHOOSING, SHARES, SearchConfig
+from sympol.results.records import from_fields, to_fields
+from sympol.search.front.config import SELECTION, SHARES, SearchConfig
 
 
 @pytest.mark.parametrize(
@@ -35,13 +36,13 @@ def test_what_is_no_budget_is_refused_with_examples(budget):
 
 
 @pytest.mark.parametrize(
-    ("budget", "roads"), [("9s", ("evolve",)), ("99k steps", ("evolve",)), ("400k steps", tuple(SHARES))]
+    ("budget", "methods"), [("9s", ("evolve",)), ("99k steps", ("evolve",)), ("400k steps", tuple(SHARES))]
 )
-def test_too_little_for_one_run_is_refused_with_what_is_enough(budget, roads):
+def test_too_little_for_one_run_is_refused_with_what_is_enough(budget, methods):
     with pytest.raises(ValueError, match=r"too small for one run.*at least 10s or \d+k steps") as refused:
-        SearchConfig("CartPole-v1", budget=budget, methods=roads)
+        SearchConfig("CartPole-v1", budget=budget, methods=methods)
     enough = re.search(r"or (\d+k steps)", str(refused.value))[1]
-    assert SearchConfig("CartPole-v1", budget=enough, methods=roads).methods == roads
+    assert SearchConfig("CartPole-v1", budget=enough, methods=methods).methods == methods
 
 
 def test_a_task_has_a_budget_of_its_own():
@@ -57,13 +58,13 @@ def test_a_task_has_a_number_of_teachers_unless_one_is_given():
 
 
 @pytest.mark.parametrize("env", ["CartPole-v1", "LunarLander-v3"])
-@pytest.mark.parametrize("roads", [("scratch",), ("scratch", "evolve"), tuple(SHARES)])
-def test_roads_share_all_but_what_choosing_takes(env, roads):
-    plan = SearchConfig(env, methods=roads)
-    assert sum(plan.share(road) for road in roads) == pytest.approx(1 - CHOOSING)
+@pytest.mark.parametrize("methods", [("scratch",), ("scratch", "evolve"), tuple(SHARES)])
+def test_methods_share_all_but_what_selection_takes(env, methods):
+    plan = SearchConfig(env, methods=methods)
+    assert sum(plan.share(method) for method in methods) == pytest.approx(1 - SELECTION)
 
 
-def test_each_task_divides_its_budget_among_all_roads():
+def test_each_task_divides_its_budget_among_all_methods():
     assert search_defaults("LunarLander-v3")["shares"].keys() == SHARES.keys()
 
 
@@ -91,6 +92,9 @@ def test_other_bad_input(wrong, words):
 
 def test_it_goes_through_json():
     plan = SearchConfig("CartPole-v1", {"size": 3}, seed=4, max_nodes=9, methods=("evolve",), budget="3m")
-    assert SearchConfig.from_dict(json.loads(json.dumps(plan.to_dict()))) == plan
+    assert from_fields(SearchConfig, json.loads(json.dumps(to_fields(plan)))) == plan
     with pytest.raises(ValueError, match="unknown fields speed"):
-        SearchConfig.from_dict({"env": "CartPole-v1", "speed": 3})
+        from_fields(SearchConfig, {**to_fields(plan), "speed": 3})
+    former = to_fields(plan)
+    former["roads"] = former.pop("methods")  # as an earlier version named them
+    assert from_fields(SearchConfig, former) == plan

@@ -136,9 +136,9 @@ def _changed(change):
         _changed(lambda c: c["points"][0].update(nodes=3)),
         _changed(lambda c: c["points"][0].update(nodes="../../001")),
         _changed(lambda c: c["points"][0].update(nodes=True)),
-        _changed(lambda c: c["points"][0].update(road=3)),
+        _changed(lambda c: c["points"][0].update(method=3)),
         _changed(lambda c: c["points"][0]["validation"].update(mean=9)),
-        _changed(lambda c: c["points"][0]["spent"].update(env_steps=-1)),
+        _changed(lambda c: c["points"][0]["cost"].update(env_steps=-1)),
         _changed(lambda c: c["points"][0].pop("sha256")),
     ],
 )

@@ -22,12 +22,19 @@ from sympol.envs.registry import resolve
 from sympol.play import play
 from sympol.runs.lock import Busy, exclusive
 from sympol.runs.metadata import RunError
-from sympol.search.front.candidates import FILE, Candidate, load_candidates, save_candidates
+from sympol.search.budget import Cost
 from sympol.search.front.config import SearchConfig
-from sympol.search.front.distillation_method import warn_of_poor_teacher
+from sympol.search.front.distillation import warn_of_poor_teacher
 from sympol.search.front.files import load_front
-from sympol.search.front.front import Cost
-from sympol.search.front.search import _share, begin, search
+from sympol.search.front.messages import (
+    CANDIDATES,
+    FORMER_CANDIDATES,
+    Candidate,
+    SavedCandidates,
+    load_candidates,
+    save_candidates,
+)
+from sympol.search.front.search import begin, budget_of, search
 
 from ...tiny import refused
 
@@ -81,14 +88,14 @@ def test_with_a_budget_in_steps_it_finds_the_same_front_again(quick, tmp_path):
 
 
 @pytest.mark.slow
-def test_all_roads_lead_to_a_front(tmp_path):
+def test_all_methods_together_find_a_front(tmp_path):
     plan = SearchConfig(
         "CartPole-v1", max_nodes=15, budget="6M steps", trainings=1, teachers=1, islands=1, eval_episodes=20
     )
     front = search(plan, tmp_path / "all")
-    roads = {candidate.method for candidate in front.candidates}
-    # what is distilled has at most twice the limit, and is polished before it loses anything
-    assert {"scratch + shrink", "teacher + polish + shrink", "scratch + teacher + evolve"} <= roads
+    methods = {candidate.method for candidate in front.candidates}
+    # what is distilled has at most twice the limit, and is fine-tuned before it loses anything
+    assert {"scratch + prune", "teacher + fine-tune + prune", "scratch + teacher + evolve"} <= methods
     assert front.best().test.mean > 450
     assert front.cost.teacher_steps > 0
     for run in ("scratch/0/run", "teacher/0/teacher"):
@@ -96,31 +103,32 @@ def test_all_roads_lead_to_a_front(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_search_goes_on_where_it_was(tmp_path):
+def test_a_killed_search_resumes(tmp_path):
     folder = tmp_path / "front"
     plan = SearchConfig("CartPole-v1", max_nodes=5, methods=("evolve",), budget="160M steps")
     command = [sys.executable, "-m", "sympol", "pareto", "CartPole-v1", "--max-nodes", "5"]
-    command += ["--roads", "evolve", "--budget", "160M steps", "--workers", "1", "--out", str(folder)]
+    command += ["--methods", "evolve", "--budget", "160M steps", "--workers", "1", "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    file = folder / "evolve" / "0" / FILE
+    file = folder / "evolve" / "0" / CANDIDATES
     for _ in range(1200):
         if file.exists() or process.poll() is not None:
             break
         time.sleep(0.1)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    before, finished = load_candidates(file.parent)
-    assert before
-    assert not finished
+    before = load_candidates(file.parent)
+    assert before.candidates
+    assert not before.finished
     front = search(plan, folder)
-    after, finished = load_candidates(file.parent)
-    assert finished
+    saved = load_candidates(file.parent)
+    after = saved.candidates
+    assert saved.finished
     assert after[-1].cost.env_steps >= plan.steps * plan.share("evolve") / plan.islands
     assert after[-1].cost.env_steps < 1.5 * plan.steps * plan.share("evolve") / plan.islands
     assert front.best().test.mean > 400
 
 
-def test_a_road_without_its_library_is_refused_before_anything_is_done(tmp_path, monkeypatch):
+def test_a_method_without_its_library_is_refused_before_anything_is_done(tmp_path, monkeypatch):
     monkeypatch.setattr(
         sympol.search.front.search, "LIBRARIES", {"scikit-learn": "sklearn", "pycma": "no_such_module"}
     )
@@ -159,21 +167,39 @@ def test_two_searches_do_not_share_a_folder(tmp_path):
         search(QUICK, tmp_path / "front")
 
 
-def test_what_a_road_found_is_kept_to_the_bit(tmp_path):
+def single_leaf() -> DecisionTree:
+    none = np.array([], int), np.array([]), np.array([[1.0, 0.0]])
+    return DecisionTree.from_complete(*none, actions=SPEC.actions, **SPEC.features.metadata())
+
+
+def test_candidates_are_saved_to_the_bit(tmp_path):
     tree = DecisionTree.from_complete(
         np.array([2]), np.array([0.1]), np.array([[1.0, 0.0], [0.0, 1.0]]),
         actions=SPEC.actions, **SPEC.features.metadata(),
     )  # fmt: skip
-    found = [Candidate(tree, "scratch", Cost(3, 4, 5, 6.5))]
+    found = (Candidate(tree, "scratch", Cost(3, 4, 5, 6.5)),)
     save_candidates(tmp_path, found, finished=False)
-    assert load_candidates(tmp_path) == (found, False)
-    assert load_candidates(tmp_path / "nowhere") == ([], False)
-    content = json.loads((tmp_path / FILE).read_text())
-    content["found"][0]["tree"]["nodes"] = "gone"
-    del content["found"][0]["road"]
-    (tmp_path / FILE).write_text(json.dumps(content))
-    with pytest.raises(ValueError, match=r"cannot be read.*search again"):
+    assert load_candidates(tmp_path) == SavedCandidates(False, found)
+    assert load_candidates(tmp_path / "nowhere") == SavedCandidates(False, ())
+    content = json.loads((tmp_path / CANDIDATES).read_text())
+    del content["candidates"][0]["method"]
+    (tmp_path / CANDIDATES).write_text(json.dumps(content))
+    with pytest.raises(
+        ValueError, match=r"cannot be read.*Candidate has missing fields method.*search again"
+    ):
         load_candidates(tmp_path)
+
+
+def test_candidates_of_an_earlier_version_are_read_under_present_names(tmp_path):
+    tree = single_leaf()
+    row = {
+        "road": "lookup + shrink",
+        "spent": {"env_steps": 3, "teacher_steps": 0, "selection_episodes": 0, "seconds": 1.5},
+        "tree": json.loads(tree.to_json()),
+    }
+    (tmp_path / FORMER_CANDIDATES).write_text(json.dumps({"finished": True, "found": [row]}))
+    expected = Candidate(tree, "tabular + prune", Cost(3, seconds=1.5))
+    assert load_candidates(tmp_path) == SavedCandidates(True, (expected,))
 
 
 def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
@@ -187,7 +213,7 @@ def test_a_teacher_that_chance_beats_is_named_with_both_numbers():
 
 
 @pytest.mark.slow
-def test_a_poor_teacher_is_told_of_where_the_search_was_asked_for(tmp_path):
+def test_a_poor_teacher_is_warned_of_where_the_search_was_started(tmp_path):
     lazy = sympol.PPO("mlp", "CartPole-v1", total_timesteps=8192, learning_rate_actor=1e-12)
     lazy.learn(progress_bar=False).save(tmp_path / "lazy")
     plan = SearchConfig(
@@ -202,11 +228,11 @@ def test_a_poor_teacher_is_told_of_where_the_search_was_asked_for(tmp_path):
         search(plan, tmp_path / "front", workers=2)
 
 
-def test_what_a_road_had_taken_is_not_taken_from_it_again():
+def test_the_time_of_a_method_before_an_interruption_counts_once():
     plan = SearchConfig("CartPole-v1", methods=("scratch", "evolve"), budget="100s")
-    whole = _share(plan, "evolve", 30.0).seconds  # scratch took 30
+    whole = budget_of(plan, "evolve", 30.0).seconds  # scratch took 30
     assert whole == pytest.approx(60)  # ten are for choosing
-    assert _share(plan, "scratch", 0.0).seconds == pytest.approx(100 * plan.share("scratch"))
+    assert budget_of(plan, "scratch", 0.0).seconds == pytest.approx(100 * plan.share("scratch"))
 
 
 @pytest.mark.parametrize(
@@ -233,7 +259,7 @@ def test_the_command_shows_the_front(tmp_path):
         "CartPole-v1",
         "--max-nodes",
         "3",
-        "--roads",
+        "--roads",  # the former name of --methods
         "evolve",
     ]
     command += [

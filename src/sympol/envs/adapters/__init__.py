@@ -1,1 +1,65 @@
-"""Worlds that stand behind the same interfaces: one module for each kind of environment."""
+"""Kinds of environments: a module for each, and the table of the ids that it answers for."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+
+from ..entries import Adapter, Entry
+
+ADAPTERS: dict[str, str | type[Adapter]] = {
+    "CartPole-": "sympol.envs.adapters.classic:Classic",
+    "Acrobot-": "sympol.envs.adapters.classic:Classic",
+    "Pendulum-": "sympol.envs.adapters.classic:Classic",
+    "MountainCar": "sympol.envs.adapters.classic:Classic",
+    "LunarLander": "sympol.envs.adapters.lunar_lander:LunarLander",
+    "MiniGrid-": "sympol.envs.adapters.minigrid:MiniGrid",
+    "BabyAI-": "sympol.envs.adapters.minigrid:MiniGrid",
+    "sympol/DistShift-": "sympol.envs.adapters.minigrid:MiniGrid",
+    "": "sympol.envs.adapters.gymnasium:Gymnasium",
+}
+"""How ids begin, and the subclass of `Adapter` for them, or the module and name to import it from.
+
+The longest beginning is asked first. A new kind of environments is one module and one line here.
+"""
+
+
+def built_in(env_id: str) -> Entry:
+    """Return what the adapters know of an id.
+
+    Args:
+        env_id: The id.
+
+    Returns:
+        The entry of the first adapter that has one, which may be for an environment that does not exist.
+    """
+    for beginning in sorted(ADAPTERS, key=len, reverse=True):
+        if env_id.startswith(beginning) and (entry := load(ADAPTERS[beginning]).entry(env_id)) is not None:
+            return entry
+    return Entry()
+
+
+def all_ids() -> Iterator[str]:
+    """Yield the ids that the adapters list."""
+    for adapter in dict.fromkeys(ADAPTERS.values()):
+        yield from load(adapter).ids()
+
+
+def import_for(env_id: str) -> None:
+    """Import the package that may register an id, in whatever case it is written; nothing if it is not installed."""
+    for beginning, adapter in ADAPTERS.items():
+        stem = beginning.rstrip("-/").lower()
+        if stem and env_id.lower().startswith(stem) and (module := load(adapter).registers):
+            with contextlib.suppress(ImportError):
+                import_module(module)
+
+
+@cache
+def load(adapter: str | type[Adapter]) -> Adapter:
+    """Return the adapter of a value of `ADAPTERS`, imported when it is first used."""
+    if isinstance(adapter, str):
+        module, _, name = adapter.partition(":")
+        return getattr(import_module(module), name)()
+    return adapter()

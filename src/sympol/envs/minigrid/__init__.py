@@ -18,10 +18,7 @@ from .distshift import random_layouts
 from .task import Task
 from .view import View
 
-__all__ = ["FAMILIES", "TASKS", "MiniGrid", "Task", "View", "make", "make_host", "random_layouts", "view_of"]
-
-FAMILIES = ("MiniGrid-", "BabyAI-")
-"""How the ids begin that importing Farama's package registers."""
+__all__ = ["TASKS", "MiniGrid", "Task", "View", "make", "make_host", "random_layouts", "view_of"]
 
 TASKS: dict[str, Task] = {
     env_id: task

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import jax
@@ -24,24 +24,14 @@ from ...types import Step
 from ..capabilities import StateGraph
 from . import cells
 from .cells import BLOCKS_SIGHT, BLOCKS_WAY, EMPTY, PORTABLE, UNSEEN, WALL
-from .task import Task
+from .state_graph import all_observations, state_graph
+from .task import GridState, Task
 from .view import View
 
 IN_HAND = -1
 """Where a thing is that the agent carries."""
 MAX_TABLE_SIZE = 7
 """Up to this view size, how sight spreads in a row is looked up; the table for the next has 2¹⁸ entries."""
-
-
-class GridState(NamedTuple):
-    """Where everything is. A place is an index into the padded grid, row after row."""
-
-    layout: Int[Array, ""]
-    position: Int[Array, ""]
-    direction: Int[Array, ""]  # 0 right, 1 down, 2 left, 3 up
-    places: Int[Array, " things"]
-    codes: Int[Array, " things"]
-    time: Int[Array, ""]
 
 
 @dataclass(frozen=True)
@@ -134,14 +124,10 @@ class MiniGrid:
 
     def all_observations(self) -> Float32[np.ndarray, "observations features"] | None:
         """Return every observation there can be, each once, or None where the world is too large."""
-        from .state_graph import all_observations
-
         return all_observations(self)
 
     def state_graph(self) -> StateGraph | None:
         """Return all states and transitions, or None where the world is too large."""
-        from .state_graph import state_graph
-
         return state_graph(self)
 
     def place(self, x: Int[Array, "*n"], y: Int[Array, "*n"]) -> Int[Array, "*n"]:

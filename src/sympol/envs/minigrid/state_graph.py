@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jax import Array
+from jaxtyping import Bool, Float, Float32, Int, Int32, PRNGKeyArray, UInt32
 
 from ...compilation import call_in_batches
+from ...types import Step
 from ..capabilities import StateGraph
-
-if TYPE_CHECKING:
-    from .core import GridState, MiniGrid
+from .task import GridState, Task
+from .view import View
 
 BATCH = 512
 """Number of states observed together."""
@@ -31,6 +32,37 @@ MAX_NUMBERS = 1 << 26
 Arrays = TypeVar("Arrays")
 
 
+class World(Protocol):
+    """What an exploration needs of `sympol.envs.minigrid.core.MiniGrid`, which offers its results as capabilities."""
+
+    @property
+    def task(self) -> Task:
+        """The task."""
+        ...
+
+    @property
+    def view(self) -> View:
+        """The view."""
+        ...
+
+    @property
+    def rewards(self) -> Float32[np.ndarray, " times"]:
+        """The reward of reaching the goal, at each time."""
+        ...
+
+    def start(self, draws: UInt32[Array, " draws"]) -> GridState:
+        """Return the start made of some random integers."""
+        ...
+
+    def observe(self, state: GridState) -> Float[Array, " features"]:
+        """Return what the agent sees in a state."""
+        ...
+
+    def step(self, key: PRNGKeyArray, state: GridState, action: Int[Array, ""]) -> tuple[GridState, Step]:
+        """Advance by one action."""
+        ...
+
+
 class Exploration(NamedTuple):
     """S states in which one can act, and where each of the A actions leads, as NumPy arrays."""
 
@@ -40,7 +72,7 @@ class Exploration(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def state_graph(env: MiniGrid) -> StateGraph | None:
+def state_graph(env: World) -> StateGraph | None:
     """Return all states and transitions of a world, or None where it is too large."""
     explored = explore(env)
     if explored is None:
@@ -58,7 +90,7 @@ def state_graph(env: MiniGrid) -> StateGraph | None:
 
 
 @lru_cache(maxsize=16)
-def all_observations(env: MiniGrid) -> Float32[np.ndarray, "observations features"] | None:
+def all_observations(env: World) -> Float32[np.ndarray, "observations features"] | None:
     """Return every observation on which a policy may have to act, once each, sorted; None if the world is too large."""
     explored = explore(env)
     if explored is None:
@@ -76,13 +108,13 @@ def all_observations(env: MiniGrid) -> Float32[np.ndarray, "observations feature
     return observations
 
 
-def all_starts(env: MiniGrid) -> GridState | None:
+def all_starts(env: World) -> GridState | None:
     """Return every state that an episode can start from (batched), or None where they are too many to list."""
     draws = env.task.start_draws(MAX_STATES)
     return None if draws is None else call_in_batches(jax.jit(jax.vmap(env.start)), draws)
 
 
-def explore(env: MiniGrid, start: GridState | None = None) -> Exploration | None:
+def explore(env: World, start: GridState | None = None) -> Exploration | None:
     """Find every state that can be reached from some states (batched), by default from all starts.
 
     Returns None where there are more than `MAX_STATES`.
@@ -112,7 +144,7 @@ def explore(env: MiniGrid, start: GridState | None = None) -> Exploration | None
     return Exploration(known, np.concatenate(successors), np.concatenate(goals))
 
 
-def observe_all(env: MiniGrid, states: GridState) -> Float32[np.ndarray, "states features"]:
+def observe_all(env: World, states: GridState) -> Float32[np.ndarray, "states features"]:
     """Return the observation of each of many states."""
     return call_in_batches(_observing(env), states)
 
@@ -128,12 +160,12 @@ def at(states: Arrays, rows: np.ndarray) -> Arrays:
 
 
 @lru_cache(maxsize=16)
-def _observing(env: MiniGrid) -> Callable[..., Any]:
+def _observing(env: World) -> Callable[..., Any]:
     return jax.jit(jax.vmap(env.observe))
 
 
 @lru_cache(maxsize=16)
-def _expanding(env: MiniGrid) -> Callable[..., Any]:
+def _expanding(env: World) -> Callable[..., Any]:
     """What each action leads to from each of many states, at time 0 again: state, terminated, goal reached."""
 
     def act(state: GridState, action: jax.Array) -> Any:

@@ -27,6 +27,17 @@ class Start(NamedTuple):
     things: Int[Array, "things 3"]  # x, y and cell code of what differs from the grid, or can change
 
 
+class GridState(NamedTuple):
+    """Where everything is. A place is an index into the padded grid, row after row."""
+
+    layout: Int[Array, ""]
+    position: Int[Array, ""]
+    direction: Int[Array, ""]  # 0 right, 1 down, 2 left, 3 up
+    places: Int[Array, " things"]
+    codes: Int[Array, " things"]
+    time: Int[Array, ""]
+
+
 @dataclass(frozen=True)
 class Task(ABC):
     """A family of grids. Frozen and hashable; whatever takes time is computed when it is first asked for."""

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from jaxtyping import Float32, Int32
 
-from ...envs.adapters.gymnasium import EnvironmentFailure
+from ...envs.errors import EnvironmentFailure
 from ...envs.spec import EnvSpec
 from ...trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions
 

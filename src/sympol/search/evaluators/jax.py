@@ -22,7 +22,7 @@ from ...algorithms.compiled import COMPILER_OPTIONS
 from ...compilation import require_no_fork
 from ...envs.env import MAX_EPISODE_STEPS, Env
 from ...envs.spec import EnvSpec
-from ...play import WORDS
+from ...play import PURPOSE_TAGS
 from ...policies.distributions import distribution_of
 from ...trees import DecisionTree
 from .base import Evaluator, Purpose, Returns
@@ -231,7 +231,7 @@ class JaxEvaluator(Evaluator):
         super().__init__(spec, seed, purpose)
         assert spec.env is not None
         self._env: Env = spec.env
-        self._key = np.array([WORDS[purpose], seed], np.uint32)
+        self._key = np.array([PURPOSE_TAGS[purpose], seed], np.uint32)
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         require_no_fork()

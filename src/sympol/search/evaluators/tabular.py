@@ -22,7 +22,7 @@ from ...compilation import call_in_batches
 from ...envs.capabilities import StateGraph
 from ...envs.env import Env
 from ...envs.spec import EnvSpec
-from ...play import WORDS
+from ...play import PURPOSE_TAGS
 from ...trees import DecisionTree
 from .base import Evaluator, Purpose, Returns
 from .jax import keys_of
@@ -78,7 +78,7 @@ class TabularEvaluator(Evaluator):
         assert graph is not None
         self._env: Env = spec.env
         self.graph = graph
-        self._key = np.array([WORDS[purpose], seed], np.uint32)
+        self._key = np.array([PURPOSE_TAGS[purpose], seed], np.uint32)
         self._begun: dict[range, Int[np.ndarray, " episodes"]] = {}
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:

@@ -5,59 +5,66 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Self
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ...algorithms.presets import ANY, search_defaults
 
 SHARES: dict[str, float] = search_defaults(ANY)["shares"]
-"""The budget's division among methods; the chosen ones share all of it but what selection takes."""
-CHOOSING = 0.1
-"""Part of a budget in seconds for choosing and testing."""
-LEAST_SECONDS = 10.0
-"""Of a budget: what compiling takes."""
-LEAST_STEPS = 50_000
-"""For each training and each search by evolution."""
+"""The budget's division among methods; those of a search share all of it except what selection takes."""
+SELECTION = 0.1
+"""The part of a budget in seconds that is set aside for selection and the test."""
+MIN_SECONDS = 10.0
+"""The smallest budget in seconds: compiling takes that long."""
+MIN_STEPS = 50_000
+"""The smallest budget in environment steps of each training and of each evolution."""
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 _STEPS = {"k": 1e3, "M": 1e6, "G": 1e9, "": 1.0}
 
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """One search.
+    """The settings of one search.
 
     Raises:
-        ValueError: a limit that is even or below one, no method or an unknown one, a malformed budget.
+        ValueError: A limit that is even or below 1, no method or an unknown one, a number below its minimum, or a
+            budget that is malformed or too small.
     """
+
+    FORMER_NAMES: ClassVar[Mapping[str, str]] = {"roads": "methods"}
 
     env: str
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     max_nodes: int = 63
     budget: str = ""
-    """A time or a number of environment steps, such as "5m" or "50M steps"; by default that of the preset."""
+    """A time or a number of environment steps, such as "5m" or "50M steps"; by default that of the preset.
+
+    Trainings, fine-tuning and evolution end with it. Distillation, pruning and selection are always finished, and may
+    take more.
+    """
     methods: tuple[str, ...] = tuple(SHARES)
-    """Taken in this order, whatever order they are given in: evolution starts from what the others found."""
+    """The methods, always in the order of `SHARES`: evolution starts from the candidates of the others."""
     teacher: str = ""
-    """A run's folder or a stable-baselines3 zip, in place of a teacher that is trained."""
+    """A run's folder or a stable-baselines3 zip to distil, in place of an MLP that is trained for it."""
     trainings: int = 2
-    """From scratch."""
+    """The number of trainings from scratch."""
     teachers: int | None = None
-    """Each trained, or distilled if one is given, with seeds of its own; by default that of the preset."""
+    """The number of teachers, or of distillations of the one that is given; by default that of the preset."""
     islands: int = 2
-    """Searches by evolution, each with seeds of its own."""
+    """The number of independent searches by evolution."""
     eval_episodes: int = 100
-    """Of the test, on Gymnasium."""
+    """Test episodes of each tree of the front, on Gymnasium."""
 
     def __post_init__(self) -> None:
-        """Check."""
+        """Fill in defaults of the preset, and check."""
         if not self.methods or not {*self.methods} <= SHARES.keys():
             raise ValueError(
-                f"roads must be some of {', '.join(SHARES)}, got {', '.join(self.methods) or 'none'}"
+                f"methods must be some of {', '.join(SHARES)}, got {', '.join(self.methods) or 'none'}"
             )
-        object.__setattr__(self, "methods", tuple(road for road in SHARES if road in self.methods))
+        object.__setattr__(self, "methods", tuple(method for method in SHARES if method in self.methods))
         object.__setattr__(self, "env_kwargs", dict(self.env_kwargs))
         if not self.budget:
             object.__setattr__(self, "budget", f"{search_defaults(self.env)['minutes']:g}m")
@@ -78,12 +85,12 @@ class SearchConfig:
 
     def _check_budget(self) -> None:
         _read(self.budget)
-        runs = {road: self.number(road) * (2 if road == "teacher" else 1) for road in self.methods}
-        least = max(LEAST_STEPS * runs[road] / self.share(road) for road in self.methods)
-        if self.seconds < LEAST_SECONDS or self.steps < least:
+        runs = {method: self.number(method) * (2 if method == "teacher" else 1) for method in self.methods}
+        least = max(MIN_STEPS * runs[method] / self.share(method) for method in self.methods)
+        if self.seconds < MIN_SECONDS or self.steps < least:
             raise ValueError(
-                f"budget is too small for one run: {self.budget!r}; give at least {LEAST_SECONDS:.0f}s or "
-                f"{int(np.ceil(least / 1000))}k steps, or fewer roads, trainings or islands"
+                f"budget is too small for one run: {self.budget!r}; give at least {MIN_SECONDS:.0f}s or "
+                f"{int(np.ceil(least / 1000))}k steps, or fewer methods, trainings or islands"
             )
 
     @property
@@ -96,38 +103,52 @@ class SearchConfig:
         """Environment steps of all methods together; infinite where seconds are counted."""
         return _read(self.budget)[1]
 
-    def number(self, road: str) -> int:
-        """Return the number of tasks of a method."""
+    def number(self, method: str) -> int:
+        """Return the number of tasks of a method.
+
+        Args:
+            method: One of `SHARES`.
+
+        Returns:
+            How many independent tasks it has.
+        """
         assert self.teachers is not None
-        return {"scratch": self.trainings, "teacher": self.teachers, "evolve": self.islands}[road]
+        return {"scratch": self.trainings, "teacher": self.teachers, "evolve": self.islands}[method]
 
-    def share(self, road: str) -> float:
-        """Return the part of the budget that a method has."""
+    def share(self, method: str) -> float:
+        """Return the part of the budget that a method has.
+
+        Args:
+            method: One of the methods of this search.
+
+        Returns:
+            A part between 0 and 1, of all its tasks together.
+        """
         shares = search_defaults(self.env)["shares"]
-        return (1 - CHOOSING) * shares[road] / sum(shares[taken] for taken in self.methods)
+        return (1 - SELECTION) * shares[method] / sum(shares[other] for other in self.methods)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fields as plain JSON."""
-        values = asdict(self)
-        values["roads"] = list(values.pop("methods"))
-        return values
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a configuration of what `to_dict` returned; raises ValueError for unknown fields."""
-        known = {part.name for part in fields(cls)} - {"methods"} | {"roads"}
-        if not values.keys() <= known:
-            raise ValueError(f"unknown fields {', '.join(sorted(values.keys() - known))}")
-        values = dict(values)
-        return cls(methods=tuple(values.pop("roads")), **values)
+def steps_of(budget: str) -> float:
+    """Return the environment steps of a budget.
+
+    Args:
+        budget: A budget as of `SearchConfig`, or another text.
+
+    Returns:
+        Its steps; infinite where it is a time, or no budget.
+    """
+    try:
+        return _read(budget)[1]
+    except ValueError:
+        return math.inf
 
 
 def _read(budget: str) -> tuple[float, float]:
-    """Seconds and steps; one of them is infinite."""
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:(s|m|h)|([kMG]?)\s*steps)", budget.strip())
-    if found is None or float(found[1]) == 0:
+    """Return seconds and steps; one of them is infinite."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:(s|m|h)|([kMG]?)\s*steps)", budget.strip())
+    if match is None or float(match[1]) == 0:
         raise ValueError(
             f"budget must be a time, such as 90s, 5m or 1h, or environment steps, such as '50M steps', got {budget!r}"
         )
-    number = float(found[1])
-    return (number * _UNITS[found[2]], math.inf) if found[2] else (math.inf, number * _STEPS[found[3]])
+    number = float(match[1])
+    return (number * _UNITS[match[2]], math.inf) if match[2] else (math.inf, number * _STEPS[match[3]])

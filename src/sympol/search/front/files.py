@@ -2,10 +2,10 @@
 
 | file | what |
 |---|---|
-| `front.json` | what was found, what it cost, what it was made with |
+| `front.json` | the points and candidates, their cost, the versions of everything |
 | `points/015-nodes/` | each point as a run's folder, of a tree that was not trained there (`sympol.runs.run`) |
 
-Reading runs no code, and what is not as it was written is refused.
+Reading runs no code, and a file that was changed is refused.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import hashlib
 import re
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -22,8 +22,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ... import files
 from ...bounded import parse_json
 from ...results.json_io import dumps, plain
+from ...results.records import from_fields
 from ...trees import DecisionTree
-from .front import Cost, EvaluatedCandidate, Front, FrontError, Point, ReturnSummary
+from ..budget import Cost
+from .front import EvaluatedCandidate, Front, FrontError, Point, ReturnSummary, current_method
 
 if TYPE_CHECKING:
     from ...envs.spec import EnvSpec
@@ -32,25 +34,42 @@ FORMAT = "sympol.front"
 VERSION = 1
 FILE = "front.json"
 TreeOf: TypeAlias = Callable[[dict[str, Any]], DecisionTree]
-"""From a point's fields to its tree; it takes out the fields that only it knows."""
+"""A function from the fields of a point to its tree; it removes the fields that only it knows."""
 _POINTS = "points"
-_PLACE = re.compile(r"\d{3,}-nodes")
+_POINT = re.compile(r"\d{3,}-nodes")
+_FORMER_NAMES = {"road": "method", "roads": "methods", "spent": "cost"}
+"""Names of fields in files of earlier versions, and their present names."""
 
 
 def point_folder(folder: str | PathLike[str], point: Point) -> Path:
-    """Return the folder of a point in the folder of its front."""
-    return _place(Path(folder), point.nodes)
+    """Return the folder of a point.
+
+    Args:
+        folder: The folder of its front.
+        point: The point.
+
+    Returns:
+        The run's folder of its tree.
+    """
+    return _point_folder(Path(folder), point.nodes)
 
 
-def _place(folder: Path, nodes: int) -> Path:
+def _point_folder(folder: Path, nodes: int) -> Path:
     return folder / _POINTS / f"{nodes:03d}-nodes"
 
 
 def save_front(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None:
-    """Write the front; one that is there is replaced. ``front.json`` comes last: without it there is no front.
+    """Write a front and its points; a front that is there is replaced.
+
+    ``front.json`` is written last: without it there is no front.
+
+    Args:
+        front: The front.
+        folder: Its folder; other files in it stay.
+        spec: The environment of its trees.
 
     Raises:
-        RunError: something is in the way that is no point of ours, or cannot be written.
+        RunError: Something else is in the place of a point, or a file cannot be written.
     """
     from ...runs.metadata import CONFIG, is_run
 
@@ -63,9 +82,9 @@ def save_front(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None
         "candidates": list(front.candidates),
     }
     (folder / FILE).unlink(missing_ok=True)
-    places = {point_folder(folder, point) for point in front.points}
+    folders = {point_folder(folder, point) for point in front.points}
     for old in (folder / _POINTS).glob("*"):
-        if _PLACE.fullmatch(old.name) and old not in places and is_run(old / CONFIG):
+        if _POINT.fullmatch(old.name) and old not in folders and is_run(old / CONFIG):
             shutil.rmtree(old)
     for point in front.points:
         _save_point(point_folder(folder, point), point, spec)
@@ -75,19 +94,25 @@ def save_front(front: Front, folder: str | PathLike[str], spec: EnvSpec) -> None
 def load_front(folder: str | PathLike[str]) -> Front:
     """Read a front.
 
+    Args:
+        folder: Its folder.
+
+    Returns:
+        The front, with the trees of its points.
+
     Raises:
-        FrontError: there is none, or it is damaged, or a tree in it was changed.
+        FrontError: There is none, it is damaged, or a tree in it was changed.
     """
     folder = Path(folder)
     file = folder / FILE
     content = read_json(file, FORMAT, VERSION)
 
     def tree_of(fields: dict[str, Any]) -> DecisionTree:
-        policy = _place(folder, fields["nodes"]) / "policy.json"
+        policy = _point_folder(folder, fields["nodes"]) / "policy.json"
         text = policy.read_text(encoding="utf-8")
         if hashlib.sha256(text.encode()).hexdigest() != fields.pop("sha256"):
             raise FrontError(
-                f"{policy} is not the tree that {FILE} says it is; what was measured is not said of this one"
+                f"{policy} is not the tree that {FILE} describes: it was changed after it was measured"
             )
         return DecisionTree.from_json(text)
 
@@ -130,30 +155,47 @@ def _summary_of(path: Path, point: Point, spec: EnvSpec, distilled: Mapping[str,
         "leaves": point.tree.n_leaves,
         "depth": point.tree.depth,
         "distilled": distilled,
-        "spent": asdict(point.cost),
+        "cost": asdict(point.cost),
         "run_dir": str(path),
         "versions": versions(),
     }
 
 
 def point_fields(point: Point) -> dict[str, Any]:
-    """Return the JSON fields of a point, without its tree."""
+    """Return the JSON fields of a point, without its tree.
+
+    Args:
+        point: The point.
+
+    Returns:
+        Plain values by name.
+    """
     return {
         "nodes": point.nodes,
-        "road": point.method,
+        "method": point.method,
         "seed": point.seed,
         "validation": asdict(point.validation),
         "test": None if point.test is None else asdict(point.test),
-        "spent": asdict(point.cost),
+        "cost": asdict(point.cost),
     }
 
 
 def fields_of(front: Front) -> dict[str, Any]:
-    """Return the JSON fields of a front besides its points and candidates; raises ValueError for other objects."""
+    """Return the JSON fields of a front without its points and candidates.
+
+    Args:
+        front: The front.
+
+    Returns:
+        Plain values by name.
+
+    Raises:
+        ValueError: Its budget or versions hold something that is no plain value.
+    """
     return {
         "environment": front.environment,
         "seed": front.seed,
-        "spent": asdict(front.cost),
+        "cost": asdict(front.cost),
         "budget": plain(front.budget),
         "versions": plain(front.versions),
         "commit": front.commit,
@@ -162,45 +204,71 @@ def fields_of(front: Front) -> dict[str, Any]:
 
 
 def front_from(content: Mapping[str, Any], tree_of: TreeOf) -> Front:
-    """Make a front of its fields, those of `fields_of` and ``points`` and ``candidates``.
+    """Make a front of its fields.
+
+    Args:
+        content: The fields that `fields_of` returns, ``points`` and ``candidates``; also by former names.
+        tree_of: Returns the tree of a point.
+
+    Returns:
+        The front.
 
     Raises:
-        FrontError, ValueError, TypeError, KeyError: they are not as they were written.
+        FrontError, ValueError, TypeError, KeyError: They are not as they were written.
     """
-    fields = dict(content)
+    fields = _current(content)
     for name in ("environment", "commit", "date"):
         if not isinstance(fields[name], str):
             raise FrontError(f"{name} must be text, got {fields[name]!r}")
     for name in ("budget", "versions"):
         if not isinstance(fields[name], dict):
             raise FrontError(f"{name} must be an object, got {fields[name]!r}")
-    fields["points"] = tuple(_point(dict(point), tree_of) for point in fields["points"])
-    fields["candidates"] = tuple(EvaluatedCandidate(*row) for row in fields["candidates"])
-    fields["cost"] = Cost(**fields.pop("spent"))
+    fields["budget"] = _current(fields["budget"])
+    fields["points"] = tuple(_point(_current(point), tree_of) for point in fields["points"])
+    candidates = (EvaluatedCandidate(*row) for row in fields["candidates"])
+    fields["candidates"] = tuple(one._replace(method=current_method(one.method)) for one in candidates)
+    fields["cost"] = from_fields(Cost, fields["cost"])
     return Front(**fields)
+
+
+def _current(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields under their present names."""
+    return {_FORMER_NAMES.get(name, name): value for name, value in fields.items()}
 
 
 def _point(fields: dict[str, Any], tree_of: TreeOf) -> Point:
     tree, nodes = tree_of(fields), fields.pop("nodes")
     if isinstance(nodes, bool) or nodes != tree.n_nodes:
-        raise FrontError(f"a tree has {tree.n_nodes} nodes, and not {nodes!r}, as is said of it")
-    fields["validation"] = ReturnSummary(**fields["validation"])
-    fields["test"] = None if fields["test"] is None else ReturnSummary(**fields["test"])
-    fields["cost"] = Cost(**fields.pop("spent"))
-    fields["method"] = fields.pop("road")
-    return Point(tree=tree, **fields)
+        raise FrontError(f"a tree has {tree.n_nodes} nodes, but its point says {nodes!r}")
+    fields["validation"] = from_fields(ReturnSummary, fields["validation"])
+    fields["test"] = None if fields["test"] is None else from_fields(ReturnSummary, fields["test"])
+    fields["cost"] = from_fields(Cost, fields["cost"])
+    point = Point(tree=tree, **fields)
+    return replace(point, method=current_method(point.method))
 
 
 def read_json(file: Path, format_: str, version: int) -> dict[str, Any]:
-    """Read strict JSON, an object of a format and version, which are left out; raises FrontError."""
+    """Read a JSON file of a format and version.
+
+    Args:
+        file: The file.
+        format_: The format that it must name.
+        version: The version of the format.
+
+    Returns:
+        Its fields without these two.
+
+    Raises:
+        FrontError: There is no such file, it is no JSON, or of another format or version.
+    """
     try:
         content = parse_json(files.read_text(file), "it")
     except (FileNotFoundError, NotADirectoryError) as error:
         raise FrontError(f"there is no {file}; make one: sympol pareto ENV") from error
     except (OSError, ValueError) as error:
         raise FrontError(f"{file} cannot be read (was it cut off?): {error}") from error
-    said = (content.pop("format", None), content.pop("version", None)) if isinstance(content, dict) else None
-    if said != (format_, version):
+    found = (content.pop("format", None), content.pop("version", None)) if isinstance(content, dict) else None
+    if found != (format_, version):
         raise FrontError(f'{file} cannot be read: it lacks "format": "{format_}", "version": {version}')
     return content
 

@@ -1,70 +1,42 @@
-"""The front of return against size: the trees that beat every tree of at most their size.
+"""The front of return against size: the trees that earn more than every other tree of at most their size.
 
-A tree is chosen by its return in validation episodes, and tested once, on episodes by which nothing was chosen.
-Over several whole runs of one task, `best_under_sizes` averages what each run reached within a number of nodes.
+A tree is chosen by its return in validation episodes and tested once, on episodes by which nothing was chosen. Over
+several whole runs of one task, `best_under_sizes` averages the returns that each run reached within a number of nodes.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...trees import DecisionTree
+from ..budget import NO_COST, Cost, finite_number, whole_number
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ...results.statistics import Interval
 
+_FORMER_METHODS = {"lookup": "tabular", "shrink": "prune", "polish": "fine-tune"}
+
 
 class FrontError(ValueError):
     """A front that cannot be: the message names the value, the rule and the remedy."""
 
 
-def _count(name: str, value: Any, *, least: int = 0) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise FrontError(f"{name} must be a whole number of at least {least}, got {value!r}")
-    return int(value)
+def current_method(method: str) -> str:
+    """Return the present name of a method that an earlier version saved.
 
+    Args:
+        method: Names joined by plus signs, such as ``"lookup + shrink"``.
 
-def _finite(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not math.isfinite(value):
-        raise FrontError(f"{name} must be a finite number, got {value!r}")
-    return float(value)
-
-
-@dataclass(frozen=True)
-class Cost:
-    """The cost of a tree or a search; costs can be added."""
-
-    env_steps: int = 0
-    """Environment steps of trainings and searches, and of choosing; not a teacher's, and not those of tests."""
-    teacher_steps: int = 0
-    """Environment steps that teachers were trained with."""
-    selection_episodes: int = 0
-    """Episodes that something was chosen by."""
-    seconds: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check; raises FrontError."""
-        for name in ("env_steps", "teacher_steps", "selection_episodes"):
-            object.__setattr__(self, name, _count(name, getattr(self, name)))
-        object.__setattr__(self, "seconds", _finite("seconds", self.seconds))
-        if self.seconds < 0:
-            raise FrontError(f"seconds must not be negative, got {self.seconds}")
-
-    @property
-    def steps(self) -> int:
-        """Environment steps, a teacher's among them."""
-        return self.env_steps + self.teacher_steps
-
-    def __add__(self, other: Cost) -> Cost:
-        """Both together."""
-        return Cost(*(getattr(self, part.name) + getattr(other, part.name) for part in fields(self)))
+    Returns:
+        The present names, such as ``"tabular + prune"``; other names stay.
+    """
+    return " + ".join(_FORMER_METHODS.get(part, part) for part in method.split(" + "))
 
 
 @dataclass(frozen=True)
@@ -74,16 +46,17 @@ class ReturnSummary:
     episodes: int
     mean: float
     std: float
-    """Over episodes (ddof 1)."""
+    """The standard deviation over episodes (ddof 1)."""
     low: float
-    """Of Student's 95 % interval of the mean over episodes: how far luck with episodes moved it."""
+    """The lower end of Student's 95 % interval of the mean over episodes."""
     high: float
+    """The upper end."""
 
     def __post_init__(self) -> None:
-        """Check; raises FrontError."""
-        object.__setattr__(self, "episodes", _count("episodes", self.episodes, least=2))
+        """Check."""
+        object.__setattr__(self, "episodes", whole_number("episodes", self.episodes, least=2))
         for name in ("mean", "std", "low", "high"):
-            object.__setattr__(self, name, _finite(name, getattr(self, name)))
+            object.__setattr__(self, name, finite_number(name, getattr(self, name)))
         if self.std < 0 or not self.low <= self.mean <= self.high:
             raise FrontError(
                 f"a mean must lie in its interval and a deviation not be negative, got {self.mean} in "
@@ -92,10 +65,16 @@ class ReturnSummary:
 
     @classmethod
     def of(cls, returns: ArrayLike) -> ReturnSummary:
-        """Sum up the returns of episodes, at least two of them.
+        """Summarise the returns of episodes.
+
+        Args:
+            returns: The undiscounted returns ``[episodes]``, at least two.
+
+        Returns:
+            Their statistics.
 
         Raises:
-            FrontError: fewer, or a return that is not finite.
+            FrontError: There are fewer than two, or a return is not finite.
         """
         from ...results.statistics import mean_interval, moments  # SciPy is slow to import
 
@@ -114,27 +93,27 @@ class ReturnSummary:
 
 @dataclass(frozen=True)
 class Point:
-    """One tree, how it was made, and what it earned."""
+    """One tree of a front, how it was made, and its returns."""
 
     tree: DecisionTree
     validation: ReturnSummary
-    """Of episodes that it may have been chosen by: a little too good, the more so the more trees were tried."""
+    """Returns in validation episodes, by which it may have been chosen, and which are therefore optimistic."""
     method: str
-    """How it was made, in words: "scratch", "teacher + shrink", …."""
+    """The methods that made it: "scratch", "teacher + prune", …."""
     seed: int
-    """Of the run that it comes from."""
-    cost: Cost = Cost()
-    """On the way to this tree; what ways have in common counts in each."""
+    """The seed of the search."""
+    cost: Cost = NO_COST
+    """The cost of producing this tree. Work shared between trees is counted for each of them."""
     test: ReturnSummary | None = None
-    """Of episodes that nothing was chosen by."""
+    """Returns in test episodes, by which nothing was chosen."""
 
     def __post_init__(self) -> None:
-        """Check; raises FrontError."""
+        """Check."""
         if not self.method or not self.method.isprintable():
             raise FrontError(
                 f'a method must be a few words on one line, such as "scratch", got {self.method!r}'
             )
-        object.__setattr__(self, "seed", _count("seed", self.seed))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed))
 
     @classmethod
     def of(
@@ -144,18 +123,39 @@ class Point:
         *,
         method: str,
         seed: int,
-        cost: Cost = Cost(),
+        cost: Cost = NO_COST,
         test_returns: ArrayLike | None = None,
     ) -> Point:
-        """Make one of the ``returns [episodes]`` of validation, and of those of the test if there was one."""
+        """Make a point of the returns of a tree.
+
+        Args:
+            tree: The tree.
+            returns: Its validation returns ``[episodes]``.
+            method: The methods that made it, in a few words.
+            seed: The seed of the search.
+            cost: The cost of producing it.
+            test_returns: Its test returns ``[episodes]``, if it was tested.
+
+        Returns:
+            The point.
+
+        Raises:
+            ValueError: Fewer than two returns, or one that is not finite; or no method, or a seed below 0.
+        """
         test = None if test_returns is None else ReturnSummary.of(test_returns)
         return cls(tree, ReturnSummary.of(returns), method, seed, cost, test)
 
     def tested(self, returns: ArrayLike) -> Point:
-        """The same one with the ``returns [episodes]`` of its test, which is done once.
+        """Return this point with the returns of its test, which is done once.
+
+        Args:
+            returns: The test returns ``[episodes]``.
+
+        Returns:
+            The tested point.
 
         Raises:
-            FrontError: it has been tested.
+            FrontError: It has been tested already.
         """
         if self.test is not None:
             raise FrontError(
@@ -165,7 +165,7 @@ class Point:
 
     @property
     def nodes(self) -> int:
-        """Inner nodes and leaves."""
+        """The number of inner nodes and leaves."""
         return self.tree.n_nodes
 
     @property
@@ -180,19 +180,25 @@ class Point:
 
 
 class EvaluatedCandidate(NamedTuple):
-    """A tree that was tried: enough of it to be drawn behind the front."""
+    """The size and return of a candidate, to be drawn behind the front."""
 
     nodes: int
     mean: float
-    """Of validation."""
+    """The mean return in the first validation episodes."""
     method: str
 
 
 def non_dominated(points: Iterable[Point]) -> list[Point]:
-    """The points that earn more in validation than every other one of at most their size, the smallest first.
+    """Return the points that earn more in validation than every other one of at most their size.
 
-    Means are compared as they are; of two that earn the same the smaller one stays, and of two of the same size the
-    one that came first.
+    Means are compared as they are. Of two that earn the same the smaller one stays, and of two of the same size the
+    first one.
+
+    Args:
+        points: Any points of one task.
+
+    Returns:
+        The points of the front, the smallest first.
     """
     front: list[Point] = []
     for point in sorted(points, key=lambda point: (point.nodes, -point.mean)):
@@ -208,29 +214,31 @@ class Front:
     environment: str
     seed: int
     points: tuple[Point, ...]
-    """The smallest first, each better than those before it: see `non_dominated`."""
+    """The trees, the smallest first, each better than those before it: see `non_dominated`."""
     candidates: tuple[EvaluatedCandidate, ...] = ()
-    """Everything that was tried, or a part of it, to be drawn behind."""
-    cost: Cost = Cost()
-    """By the whole run; less than the sum over points, which share their ways."""
+    """All candidates, or some of them, to be drawn behind the front."""
+    cost: Cost = NO_COST
+    """The cost of the whole search; less than the sum over points, which share work."""
     budget: Mapping[str, Any] = field(default_factory=dict)
-    """What was granted, such as ``{"seconds": 300}``: plain JSON."""
+    """The budget and the methods, such as ``{"budget": "5m", "methods": ["evolve"]}``: plain JSON."""
     versions: Mapping[str, Any] = field(default_factory=dict)
-    """Of everything that the result may depend on: `sympol.runs.metadata.versions`."""
+    """The versions of everything that the result may depend on: `sympol.provenance.versions`."""
     commit: str = ""
     date: str = ""
-    """When it was finished, in ISO 8601."""
+    """When the search finished, in ISO 8601."""
 
     def __post_init__(self) -> None:
-        """Check; raises FrontError."""
+        """Check."""
         points = tuple(self.points)
         object.__setattr__(self, "points", points)
         candidates = tuple(
-            EvaluatedCandidate(_count("nodes", nodes, least=1), _finite("mean", mean), str(method))
+            EvaluatedCandidate(
+                whole_number("nodes", nodes, least=1), finite_number("mean", mean), str(method)
+            )
             for nodes, mean, method in self.candidates
         )
         object.__setattr__(self, "candidates", candidates)
-        object.__setattr__(self, "seed", _count("seed", self.seed))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed))
         if not points:
             raise FrontError("a front must have points, got none; one leaf is a tree, too")
         if len(non_dominated(points)) < len(points) or list(points) != sorted(points, key=lambda p: p.nodes):
@@ -242,10 +250,17 @@ class Front:
     @property
     def methods(self) -> tuple[str, ...]:
         """The methods of the search, as recorded in ``budget``; none where it lacks them."""
-        return tuple(self.budget.get("roads", ()))
+        return tuple(self.budget.get("methods", ()))
 
     def best(self, max_nodes: int | None = None) -> Point | None:
-        """The point that earned most in validation, of those with at most ``max_nodes``; None if there is none."""
+        """Return the point that earned most in validation within a limit of nodes.
+
+        Args:
+            max_nodes: The limit; by default there is none.
+
+        Returns:
+            The point, or None where no tree is so small.
+        """
         small = [point for point in self.points if max_nodes is None or point.nodes <= max_nodes]
         return small[-1] if small else None
 
@@ -257,27 +272,44 @@ class BestUnderSize(NamedTuple):
     runs: tuple[tuple[int, Point | None], ...]
     """The seed of each run, and its point; None where it has no tree so small."""
     mean: float | None
-    """Over runs of their mean test returns; None where a run has no tree so small."""
+    """The mean over runs of their mean test returns; None where a run has no tree so small."""
     std: float | None
-    """Over runs (ddof 1); None for a single one."""
+    """The standard deviation over runs (ddof 1); None for a single run."""
     spread: Interval | None
-    """The mean with Student's 95 % interval over runs; None for a single one."""
+    """The mean with Student's 95 % interval over runs; None for a single run."""
 
 
 def best_under_sizes(fronts: Sequence[Front], sizes: Iterable[int]) -> list[BestUnderSize]:
-    """Return the test returns that runs reached with at most each of ``sizes`` nodes.
+    """Return the test returns that runs reached within each of some numbers of nodes.
 
     A run counts as one number, its mean test return: the spread is that of whole runs, not of episodes.
 
+    Args:
+        fronts: Runs of one task with different seeds.
+        sizes: The numbers of nodes.
+
+    Returns:
+        An entry for each size.
+
     Raises:
-        FrontError: no runs, of several tasks, twice the same seed, or a chosen tree that was not tested.
+        FrontError: No runs, runs of several tasks, the same seed twice, or a chosen tree that was not tested.
     """
     require_one_task(fronts)
-    return [_at_most(fronts, size) for size in sizes]
+    return [_best_under(fronts, size) for size in sizes]
 
 
 def require_one_task(fronts: Sequence[Front]) -> str:
-    """Return the environment of all runs; raises FrontError where they are of several, or not runs of their own."""
+    """Return the environment of all runs.
+
+    Args:
+        fronts: The runs.
+
+    Returns:
+        The name of their environment.
+
+    Raises:
+        FrontError: There are none, they are of several environments, or two have the same seed.
+    """
     environments, seeds = {front.environment for front in fronts}, [front.seed for front in fronts]
     if len(environments) != 1:
         raise FrontError(
@@ -289,11 +321,11 @@ def require_one_task(fronts: Sequence[Front]) -> str:
 
 
 def sizes_of(fronts: Iterable[Front]) -> list[int]:
-    """Every size that any run has a point of."""
+    """Return every number of nodes of which any run has a point, ascending."""
     return sorted({point.nodes for front in fronts for point in front.points})
 
 
-def _at_most(fronts: Sequence[Front], size: int) -> BestUnderSize:
+def _best_under(fronts: Sequence[Front], size: int) -> BestUnderSize:
     from ...results.statistics import mean_interval, moments  # SciPy is slow to import
 
     runs = tuple((front.seed, front.best(size)) for front in fronts)

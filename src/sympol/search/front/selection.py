@@ -11,60 +11,78 @@ from jaxtyping import Float32
 from ...envs.spec import EnvSpec
 from ...play import play
 from ...trees import DecisionTree
+from ..budget import Cost
 from ..evaluators import Evaluator, make_evaluator
 from ..evolve import archive_sizes
 from ..prune_by_return import COMPILED
 from ..round_thresholds import round_thresholds
-from .candidates import Candidate
 from .config import SearchConfig
-from .front import Cost, EvaluatedCandidate, Front, Point, non_dominated
+from .front import EvaluatedCandidate, Front, Point, non_dominated
+from .messages import Candidate
 
 TEST_SEED = 1
-"""Of test episodes, as of `sympol train`."""
+"""The seed of test episodes, as in `sympol train`."""
 EPISODES = {"jax": (256, 2048), "native": (32, 512), "host": (8, 64)}
-"""Of validation: for all that was found, and for the best of each size."""
+"""Validation episodes by backend: for all candidates, and for the finalists of each size."""
 FINALISTS = {"jax": 4, "native": 2, "host": 2}
-"""Of each size."""
+"""Finalists of each size, by backend."""
 
 
-def select_front(plan: SearchConfig, spec: EnvSpec, found: Sequence[Candidate], spent: Cost) -> Front:
+def select_front(config: SearchConfig, spec: EnvSpec, candidates: Sequence[Candidate], cost: Cost) -> Front:
     """Select the front of all candidates by their returns in validation episodes.
 
-    All play a few episodes, the best few of each size many others; these alone decide. Then thresholds
-    are rounded where that costs nothing. What this takes is added to ``spent``, the cost of all methods.
+    All play a few episodes, the best few of each size many others; these alone decide. Then thresholds are rounded
+    where that costs nothing.
+
+    Args:
+        config: The configuration of the search.
+        spec: Its environment.
+        candidates: The candidates of all methods, at least one.
+        cost: The cost of all methods together.
+
+    Returns:
+        The front, not yet tested. Its cost includes that of the selection.
     """
-    evaluator = make_evaluator(spec, plan.seed, "validation")
+    evaluator = make_evaluator(spec, config.seed, "validation")
     listed = spec.all_observations()
-    pruned = [replace(one, tree=one.tree.prune(observations=listed)) for one in found]
-    fit = _distinct([one for one in pruned if one.tree.n_nodes <= plan.max_nodes])
+    pruned = [replace(one, tree=one.tree.prune(observations=listed)) for one in candidates]
+    fit = _distinct([one for one in pruned if one.tree.n_nodes <= config.max_nodes])
     few, many = EPISODES[spec.backend]
     means = evaluator.play([one.tree for one in fit], range(few)).returns.mean(axis=1)
-    best = _best_of_each_size(fit, means, archive_sizes(plan.max_nodes), FINALISTS[spec.backend])
-    shown = _front_of(plan, evaluator, best, range(few, few + many))
-    rounding = make_evaluator(spec, plan.seed)
+    finalists = _best_of_each_size(fit, means, archive_sizes(config.max_nodes), FINALISTS[spec.backend])
+    front = _front_of(config, evaluator, finalists, range(few, few + many))
+    rounding = make_evaluator(spec, config.seed)
     if spec.env is not None:  # elsewhere it takes longer than the search
         effort = COMPILED._replace(last=many)
-        rounded = [replace(one, tree=round_thresholds(one.tree, rounding, effort=effort)) for one, _ in shown]
-        shown = _front_of(plan, evaluator, rounded, range(few, few + many))
-    front = [point for _, point in shown]
-    episodes = len(fit) * few + len(best) * many
-    spent += Cost(env_steps=evaluator.steps + rounding.steps, selection_episodes=episodes)
-    tried = [
+        rounded = [replace(one, tree=round_thresholds(one.tree, rounding, effort=effort)) for one, _ in front]
+        front = _front_of(config, evaluator, rounded, range(few, few + many))
+    episodes = len(fit) * few + len(finalists) * many
+    cost += Cost(env_steps=evaluator.steps + rounding.steps, selection_episodes=episodes)
+    evaluated = [
         EvaluatedCandidate(one.tree.n_nodes, float(mean), one.method)
         for one, mean in zip(fit, means, strict=True)
     ]
     return Front(
         environment=spec.name,
-        seed=plan.seed,
-        points=tuple(front),
-        candidates=tuple(tried),
-        cost=spent,
-        budget={"budget": plan.budget, "roads": list(plan.methods), "max_nodes": plan.max_nodes},
+        seed=config.seed,
+        points=tuple(point for _, point in front),
+        candidates=tuple(evaluated),
+        cost=cost,
+        budget={"budget": config.budget, "methods": list(config.methods), "max_nodes": config.max_nodes},
     )
 
 
-def test(front: Front, spec: EnvSpec, episodes: int) -> Front:
-    """Test each tree of a front on Gymnasium, on episodes by which nothing was chosen; return the tested front."""
+def test_points(front: Front, spec: EnvSpec, episodes: int) -> Front:
+    """Test each tree of a front on Gymnasium, on episodes by which nothing was chosen.
+
+    Args:
+        front: A front that was not tested.
+        spec: Its environment.
+        episodes: The number of test episodes of each tree.
+
+    Returns:
+        The tested front; the same one where Gymnasium does not have the environment.
+    """
     if spec.make_host is None:
         return front
     points = []
@@ -75,30 +93,32 @@ def test(front: Front, spec: EnvSpec, episodes: int) -> Front:
     return replace(front, points=tuple(points))
 
 
-def _distinct(found: Sequence[Candidate]) -> list[Candidate]:
+def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
     first: dict[DecisionTree, Candidate] = {}
-    for one in found:
+    for one in candidates:
         first.setdefault(replace(one.tree, n_node_samples=None), one)
     return list(first.values())
 
 
 def _best_of_each_size(
-    found: Sequence[Candidate], means: Float32[np.ndarray, " trees"], sizes: Sequence[int], number: int
+    candidates: Sequence[Candidate], means: Float32[np.ndarray, " trees"], sizes: Sequence[int], number: int
 ) -> list[Candidate]:
     by_size: dict[int, list[int]] = {}
     for i in np.argsort(-means, kind="stable").tolist():
-        by_size.setdefault(int(np.searchsorted(sizes, found[i].tree.n_nodes)), []).append(i)
-    return [found[i] for kept in by_size.values() for i in kept[:number]]
+        by_size.setdefault(int(np.searchsorted(sizes, candidates[i].tree.n_nodes)), []).append(i)
+    return [candidates[i] for ranked in by_size.values() for i in ranked[:number]]
 
 
 def _front_of(
-    plan: SearchConfig, evaluator: Evaluator, found: Sequence[Candidate], episodes: range
+    config: SearchConfig, evaluator: Evaluator, candidates: Sequence[Candidate], episodes: range
 ) -> list[tuple[Candidate, Point]]:
-    """The front of these trees in these episodes, and where its points come from."""
-    returns = evaluator.play([one.tree for one in found], episodes).returns
-    made = [
-        (one, Point.of(one.tree, row, method=one.method, seed=plan.seed, cost=one.cost))
-        for one, row in zip(found, returns, strict=True)
+    """Return the front of these candidates in these episodes, each with its point."""
+    returns = evaluator.play([one.tree for one in candidates], episodes).returns
+    points = [
+        (one, Point.of(one.tree, row, method=one.method, seed=config.seed, cost=one.cost))
+        for one, row in zip(candidates, returns, strict=True)
     ]
-    front = {id(point) for point in non_dominated([point for _, point in made])}
-    return sorted(((one, point) for one, point in made if id(point) in front), key=lambda pair: pair[1].nodes)
+    front = {id(point) for point in non_dominated([point for _, point in points])}
+    return sorted(
+        ((one, point) for one, point in points if id(point) in front), key=lambda pair: pair[1].nodes
+    )

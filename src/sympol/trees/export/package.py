@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ... import __version__
+from ...version import __version__
 from ..actions import BoxActions, DiscreteActions
 from ..base import BaseTree
 from ..boxes import leaf_boxes

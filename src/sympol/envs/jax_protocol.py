@@ -16,9 +16,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, PRNGKeyArray
 
-from ...types import Action, Step
-from ..env import Env
-from ..spaces import action_spec, describe
+from ..types import Action, Step
+from .env import Env
+from .spaces import action_spec, describe
 
 
 class _Leaf(NamedTuple):

@@ -1,4 +1,4 @@
-"""The teacher's road: its stages, what it goes on with, and that nothing is done twice."""
+"""Distillation: its stages, what continues, and that nothing is done twice."""
 
 from __future__ import annotations
 
@@ -11,16 +11,13 @@ import pytest
 from sympol import DecisionTree
 from sympol.distill import distill
 from sympol.envs.registry import resolve
-from sympol.search.budget import Budget
+from sympol.search.budget import Budget, Cost
 from sympol.search.evaluators import make_evaluator
-from sympol.search.front import distillation_method as road
-from sympol.search.front import finetune_schedule as polishing
-from sympol.search.front.candidates import Candidate, load_candidates, save_candidates
+from sympol.search.front import distillation, task
 from sympol.search.front.config import SearchConfig
-from sympol.search.front.context import TaskContext
-from sympol.search.front.distillation_method import distillation_player
-from sympol.search.front.finetune_schedule import APART, FAR, best_by_halving, stages
-from sympol.search.front.front import Cost
+from sympol.search.front.distillation import distillation_player
+from sympol.search.front.messages import Candidate, TaskRequest, load_candidates, save_candidates
+from sympol.search.front.task import FINE_TUNING, TaskContext, best_by_halving, stages
 
 from ...distill.teachers import cartpole, pendulum
 from ..bandit import Bandit
@@ -78,9 +75,9 @@ def test_stages_spend_all_there_is_and_share_no_episodes(max_nodes: int, times: 
     assert rest == pytest.approx(0)
     # what is asked for and half of it have four times as much as what is between them
     assert spent == pytest.approx([time / sum(times) for time in times])
-    assert all(b.first_episode - a.first_episode == APART for a, b in pairwise(made))
-    assert made[0].first_episode == FAR
-    assert made[-1].first_episode + APART <= 2**31
+    assert all(a.episodes.start + a.episodes.size == b.episodes.start for a, b in pairwise(made))
+    assert made[0].episodes.start == FINE_TUNING.start
+    assert made[-1].episodes.start + made[-1].episodes.size <= 2**31
 
 
 def test_what_goes_on_is_the_best_of_the_race():
@@ -97,7 +94,7 @@ def test_what_goes_on_is_the_best_of_the_race():
     assert best_by_halving(evaluator, trees, 2) == second
 
 
-def test_distillation_plays_in_the_arena_what_the_arena_plays():
+def test_distillation_plays_what_the_evaluator_plays():
     evaluator = make_evaluator(SPEC, 3)
     tree = balanced(7)
     learnt, chosen = (
@@ -111,47 +108,48 @@ def test_distillation_plays_in_the_arena_what_the_arena_plays():
     assert learnt.returns.tolist() == learnt.lengths.tolist()  # CartPole pays one a step
 
 
-def test_what_is_done_is_not_done_again_and_a_polish_goes_on(tmp_path, monkeypatch):
+def test_what_is_done_is_not_done_again_and_fine_tuning_resumes(tmp_path, monkeypatch):
     plan = SearchConfig("CartPole-v1", max_nodes=7, methods=("teacher",), budget="20M steps", teachers=1)
-    context = TaskContext(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 1e9))
+    context = TaskContext(TaskRequest(plan, tmp_path, "teacher", 0, Budget(20e6, 1e9)), SPEC)
     distilled = [Candidate(balanced(7), "teacher", Cost(1000, 50, 0, 2.0))]
     save_candidates(context.folder / "distilled", distilled, finished=True)
-    half_polished = balanced(7, 0.05)
+    half_tuned = balanced(7, 0.05)
     so_far = Cost(400_000, 50, 0, 3.0)
     sizes = [stage.nodes for stage in stages(7)]
     save_candidates(
         context.folder / f"{sizes[0]}-nodes",
-        [Candidate(half_polished, "teacher + polish", so_far)],
+        [Candidate(half_tuned, "teacher + fine-tune", so_far)],
         finished=False,
     )
-    polished = []
+    tuned = []
 
     def finetune_thresholds(trees, evaluator, *, budget, **options):
         tree = trees[0]
-        polished.append((trees, budget, options["first_episode"]))
+        tuned.append((trees, budget, options["first_episode"]))
         return replace(tree, threshold=tree.threshold + np.float32(0.01) * ~tree.is_leaf)
 
-    monkeypatch.setattr(polishing, "finetune_thresholds", finetune_thresholds)
-    road.run_distillation(context)
-    first, budget, at = polished[0]
-    assert first == [half_polished]
+    monkeypatch.setattr(task, "finetune_thresholds", finetune_thresholds)
+    distillation.run_distillation(context)
+    first, budget, at = tuned[0]
+    assert first == [half_tuned]
     assert budget.steps == (20e6 - 1050) * stages(7)[0].part - (so_far.env_steps - 1000)
-    assert at == FAR
-    for (trees, *_), size in zip(polished, sizes, strict=True):
+    assert at == FINE_TUNING.start
+    for (trees, *_), size in zip(tuned, sizes, strict=True):
         assert all(tree.n_nodes <= size for tree in trees)
-    found, finished = load_candidates(context.folder)
-    assert finished
+    saved = load_candidates(context.folder)
+    found = saved.candidates
+    assert saved.finished
     assert found[0] == distilled[0]
     costs = [one.cost.env_steps for one in found]
     assert costs == sorted(costs)  # each step adds to the one before
-    assert {one.method for one in found} == {"teacher", "teacher + polish", "teacher + polish + shrink"}
-    road.run_distillation(context)
-    assert len(polished) == len(sizes)
+    assert {one.method for one in found} == {"teacher", "teacher + fine-tune", "teacher + fine-tune + prune"}
+    distillation.run_distillation(context)
+    assert len(tuned) == len(sizes)
 
 
 def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, monkeypatch):
     plan = SearchConfig("CartPole-v1", max_nodes=7, methods=("teacher",), budget="20M steps", teachers=1)
-    context = TaskContext(plan, SPEC, tmp_path, 0, tmp_path / "teacher" / "0", Budget(20e6, 100.0))
+    context = TaskContext(TaskRequest(plan, tmp_path, "teacher", 0, Budget(20e6, 100.0)), SPEC)
     made, teacher = [], cartpole()
 
     def distil(policy, method, *, max_nodes, **options):
@@ -160,33 +158,40 @@ def test_each_distilled_tree_is_kept_at_once_and_not_distilled_again(tmp_path, m
         made.append((max_nodes, options["seed"]))
         return balanced(15, 0.1 * len(made))
 
-    monkeypatch.setattr(road, "distill_policy", distil)
+    monkeypatch.setattr(distillation, "distill_policy", distil)
     with pytest.raises(KeyboardInterrupt):
-        road._trees(context, teacher, teacher, [], Cost())
-    before, finished = load_candidates(context.folder / "distilled")
+        distillation.distilled_trees(context, teacher, teacher, [], Cost())
+    saved = load_candidates(context.folder / "distilled")
+    before = list(saved.candidates)
     assert len(before) == 2
-    assert not finished
+    assert not saved.finished
     assert made == [(31, context.seed), (31, context.seed + 1)]
     monkeypatch.setattr(
-        road, "distill_policy", lambda *_, max_nodes, seed, **__: balanced(max_nodes, seed % 7)
+        distillation, "distill_policy", lambda *_, max_nodes, seed, **__: balanced(max_nodes, seed % 7)
     )
-    found = road._trees(context, teacher, teacher, before, Cost())
+    found = distillation.distilled_trees(context, teacher, teacher, before, Cost())
     assert found[:2] == before
-    assert [one.tree.n_nodes for one in found[2:]] == [8 * times - 1 for times in road.TIMES[2:]]
+    assert [one.tree.n_nodes for one in found[2:]] == [
+        8 * times - 1 for times in distillation.DISTILLED_SIZES[2:]
+    ]
     late = [replace(before[0], cost=Cost(seconds=71.0))]
-    assert road._trees(context, teacher, teacher, late, Cost()) == late  # no time for another
+    assert (
+        distillation.distilled_trees(context, teacher, teacher, late, Cost()) == late
+    )  # no time for another
 
 
 @pytest.mark.slow
-def test_polishing_makes_more_of_a_distilled_tree_with_continuous_actions(tmp_path):
+def test_fine_tuning_makes_more_of_a_distilled_tree_with_continuous_actions(tmp_path):
     spec = resolve("Pendulum-v1")
     options = {"num_iterations": 3, "episodes_per_iteration": 3, "num_validation_episodes": 3}
     tree = distill(pendulum(), "dagger", max_nodes=7, **options)
     plan = SearchConfig("Pendulum-v1", max_nodes=7, methods=("teacher",), budget="10M steps", teachers=1)
-    context = TaskContext(plan, spec, tmp_path, 0, tmp_path / "teacher" / "0", Budget(10e6, 1e9))
+    context = TaskContext(TaskRequest(plan, tmp_path, "teacher", 0, Budget(10e6, 1e9)), spec)
     save_candidates(context.folder / "distilled", [Candidate(tree, "teacher", Cost())], finished=True)
-    road.run_distillation(context)
-    polished = [one.tree for one in load_candidates(context.folder)[0] if one.method == "teacher + polish"]
-    better = [one for one in polished if one.n_nodes == tree.n_nodes][-1]  # at the limit
+    distillation.run_distillation(context)
+    tuned = [
+        one.tree for one in load_candidates(context.folder).candidates if one.method == "teacher + fine-tune"
+    ]
+    better = [one for one in tuned if one.n_nodes == tree.n_nodes][-1]  # at the limit
     returns = make_evaluator(spec, 1000, "validation").play([tree, better], range(512)).returns.mean(axis=1)
     assert returns[1] > returns[0] + 30

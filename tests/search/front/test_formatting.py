@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from sympol.search.budget import Cost
+from sympol.search.front.config import SearchConfig
 from sympol.search.front.files import point_folder
-from sympol.search.front.front import Cost
-from sympol.search.front.tables import format_cost, markdown, next_steps, table
+from sympol.search.front.formatting import (
+    LiveProgress,
+    format_cost,
+    format_excess,
+    markdown,
+    next_steps,
+    table,
+)
+from sympol.search.front.messages import save_progress
 
 from .synthetic import front, ladder, point
 
@@ -32,7 +41,7 @@ def rows_of(text):
 
 
 def test_the_table_fits_a_terminal_and_says_all():
-    run = front([point(1, -1500.25), point(101, -150.5, method="teacher + shrink + evolve", test=np.nan)])
+    run = front([point(1, -1500.25), point(101, -150.5, method="teacher + prune + evolve", test=np.nan)])
     text = "\n".join(lines_of(run))
     assert max(map(len, text.splitlines())) <= 80
     for words in (
@@ -49,7 +58,7 @@ def test_the_table_fits_a_terminal_and_says_all():
     assert "…" not in text
 
 
-def test_markup_in_a_road_is_only_words():
+def test_markup_in_a_method_is_only_words():
     text = "\n".join(lines_of(front([point(1, 1.0, method="[bold]a|b")])))
     assert "[bold]a|b" in text
     assert r"a\|b" in markdown(front([point(1, 1.0, method="[bold]a|b")]))
@@ -102,3 +111,29 @@ def test_costs_in_words():
     assert format_cost(Cost(950, 2_000_000, 40_000, 0)) == (
         "950 steps + 2 M of a teacher, 40 k episodes to choose, 0 s"
     )
+
+
+@pytest.mark.parametrize("budget", ["2m", "2M steps", ""])
+def test_a_budget_that_was_enough_is_not_mentioned(budget):
+    assert format_excess(front([point(1, 1.0)], budget={"budget": budget})) == ""
+
+
+def test_steps_beyond_a_budget_in_steps_are_named():
+    run = front(
+        [point(1, 1.0)], budget={"budget": "1M steps"}
+    )  # which cost 1,230,000 and 50,000 of a teacher
+    assert format_excess(run).startswith("280 k of the steps are beyond the budget of 1M steps: ")
+
+
+def test_progress_is_the_phase_the_time_and_the_best_of_a_few_sizes(tmp_path):
+    for index, best in enumerate([{1: 9.0, 3: 8.0, 5: 300.0}, {5: 250.0, 7: 310.5}]):
+        folder = tmp_path / "evolve" / str(index)
+        folder.mkdir(parents=True)
+        save_progress(folder, best)
+    (tmp_path / "evolve" / "1" / "candidates.json").write_text("{}")
+    console = Console(width=80)
+    progress = LiveProgress(SearchConfig("CartPole-v1", budget="2m"), tmp_path, console)
+    with console.capture() as caught:
+        progress.watch("evolve", 3.0)
+    assert caught.get() == "3 s: evolving trees\n"
+    assert progress.line() == "evolving trees · 0:00 of 2:00 · 1 nodes: 9.0 · 5 nodes: 300.0 · 7 nodes: 310.5"

@@ -1,0 +1,137 @@
+"""What a user gives as an environment: an object, or a function that makes one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
+from typing import Any, NamedTuple, TypeAlias
+
+import gymnasium
+
+from .env import Env
+from .equality import step_limit
+from .jax_protocol import time_limit
+from .origin import Origin, Wrapping
+from .remake import copier, describe, wrap
+from .spaces import require_spaces
+from .spec import HostFactory, no_copies
+
+Remake: TypeAlias = Callable[[str, Mapping[str, Any]], gymnasium.Env]
+"""A function that makes an environment by its id and arguments, as loading a run does."""
+
+
+class Source(NamedTuple):
+    """One environment to look at, and how to make more of it in Gymnasium; the fields are those of `EnvSpec`."""
+
+    example: gymnasium.Env | Env
+    make_host: HostFactory | None
+    has_one_copy: bool = False
+    find_origin: Callable[[], Origin] = Origin
+    find_copies: Callable[[], HostFactory | None] = no_copies
+
+    @property
+    def name(self) -> str:
+        """The id of a Gymnasium environment, or the name of the class."""
+        env = self.example
+        if not isinstance(env, gymnasium.Env):
+            return type(env).__name__
+        return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
+
+    @property
+    def jax_env(self) -> Env | None:
+        """The environment if it is written in JAX."""
+        return None if isinstance(self.example, gymnasium.Env) else self.example
+
+    @property
+    def max_episode_steps(self) -> int | None:
+        """The time limit, or None."""
+        env = self.example
+        if isinstance(env, gymnasium.Env):
+            limit = step_limit(env)
+            return limit if limit is not None or env.spec is None else env.spec.max_episode_steps
+        return time_limit(env)
+
+
+def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
+    """Make an environment, if need be, and find out what it is.
+
+    Args:
+        env: An environment, or a function that makes one.
+        kwargs: Arguments of the function.
+        remake: What makes an environment again, to compare with.
+
+    Returns:
+        The source.
+
+    Raises:
+        ValueError: There are arguments for an object, the function does not take them, or a space is missing.
+        TypeError: It is no environment.
+    """
+    makes = is_factory(env)
+    if kwargs and not makes:
+        raise ValueError(
+            f"env_kwargs are for an environment that is made by id or by a function, got {kwargs}"
+        )
+    try:
+        example = env(**kwargs) if makes else env
+    except TypeError as error:
+        if not kwargs:
+            raise
+        raise ValueError(f"env_kwargs {kwargs} do not fit this environment: {error}") from error
+    if isinstance(example, gymnasium.Env) or (hasattr(example, "reset") and hasattr(example, "step")):
+        require_spaces(example)
+    if isinstance(example, gymnasium.Env):
+        return _made(env, kwargs, example, remake) if makes else _object(example, remake)
+    if isinstance(example, Env) and not isinstance(example, gymnasium.vector.VectorEnv):
+        space = example.observation_space
+        if not isinstance(space, gymnasium.spaces.Box) or len(space.shape) != 1:
+            raise ValueError(f"an environment in JAX must observe a Box of shape (features,), got {space}")
+        not_kept = f"an environment in JAX of class {_class(example)}"
+        return Source(example, None, find_origin=partial(Origin, kwargs, not_kept=not_kept))
+    raise TypeError(
+        "env must be an id, a gymnasium.Env, an environment in JAX (see sympol.envs.env), or a function that "
+        f"makes one, got {env!r}" + (f", which made {example!r}" if makes else "")
+    )
+
+
+def is_factory(env: object) -> bool:
+    """Return whether something makes an environment; a class of environments does, whatever attributes it has."""
+    return callable(env) and (isinstance(env, type) or not isinstance(env, gymnasium.Env | Env))
+
+
+def make_wrapped(make: HostFactory, wrappers: Sequence[Wrapping], **options: Any) -> gymnasium.Env:
+    """Make an environment and put wrappers around it, from the innermost."""
+    return wrap(make(**options), wrappers)
+
+
+def _object(env: gymnasium.Env, remake: Remake) -> Source:
+    """Describe the user's own object; both searches may have to make another one, so they wait until asked for."""
+    given_as = f"an object of class {_class(env)}"
+    return Source(
+        env,
+        lambda: env,
+        has_one_copy=True,
+        find_origin=cache(partial(describe, env, remake, given_as)),
+        find_copies=cache(partial(copier, env)),
+    )
+
+
+def _made(function: Any, kwargs: dict[str, Any], example: gymnasium.Env, remake: Remake) -> Source:
+    """Describe a Gymnasium environment that a function made."""
+    example.close()
+    make = partial(function, **kwargs) if kwargs else function
+    label = getattr(function, "__qualname__", None) or repr(function)
+    return Source(example, make, find_origin=cache(partial(_describe_made, make, label, remake)))
+
+
+def _describe_made(make: HostFactory, label: str, remake: Remake) -> Origin:
+    made = make()
+    try:
+        return describe(made, remake, f"made by the function {label}")
+    finally:
+        made.close()
+
+
+def _class(env: object) -> str:
+    kind = type(env.unwrapped if isinstance(env, gymnasium.Env) else env)
+    return f"{kind.__module__}.{kind.__qualname__}"
