@@ -210,7 +210,7 @@ def test_what_is_validated_is_the_tree_in_its_shape():
 def test_validation_begins_anew():
     begun = until(agent(), 256)
     assert begun.state is not None
-    made = mask_state(begun.state, begun._extract(begun.state), begun.spec, begun.config, begun.seed)
+    made = mask_state(begun.state, begun.policy.extracted_tree, begun.spec, begun.config, begun.seed)
     assert made.validation.best_return == -np.inf
     best, actor = made.validation.best_actor, made.networks.actor
     assert np.asarray(best.thresholds).tobytes() == np.asarray(actor.thresholds).tobytes()
