@@ -24,7 +24,6 @@ ROOMS_WITH_FRAGMENTS = frozenset(
         "bench",
         "envs",
         "results",
-        "trees",
         "tune",
     ]
 )
@@ -56,7 +55,6 @@ NOT_YET = frozenset(
     [
         "cli",
         "envs",
-        "trees",
         "tune",
     ]
 )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True)
 class ExplanationFeature:
-    """What changes as one in explanations: a feature, or a group, whose features change together.
+    """A unit of change in explanations: a feature, or a group, whose features change together.
 
     Args:
         name: The name of the feature or group; the categories if the group has no name.
@@ -76,7 +76,7 @@ class LocalNeighborhood:
 
     @property
     def reachable(self) -> Bool[np.ndarray, " leaves"]:
-        """Whether each leaf can be reached if everything may change."""
+        """True for each leaf that can be reached if everything may change."""
         return np.all(self.keeps | self.can_change, axis=1)
 
 
