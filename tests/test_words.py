@@ -23,7 +23,6 @@ ROOMS_WITH_FRAGMENTS = frozenset(
     [
         "bench",
         "results",
-        "trees",
         "tune",
     ]
 )
@@ -54,7 +53,6 @@ WORDS = {
 NOT_YET = frozenset(
     [
         "cli",
-        "trees",
         "tune",
     ]
 )
