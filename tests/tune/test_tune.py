@@ -201,7 +201,7 @@ def test_a_study_of_another_environment_is_refused(tmp_path, scripted):
 def test_a_study_that_somebody_else_began_is_refused(tmp_path):
     path = str(tmp_path / "s.journal")
     optuna.create_study(study_name="s", storage=open_storage(path)).ask()
-    with pytest.raises(OtherStudy, match="'s' was not begun by sympol tune"):
+    with pytest.raises(OtherStudy, match="'s' was not created by sympol tune"):
         open_study(path, "s", search(tmp_path))
 
 
