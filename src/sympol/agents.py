@@ -33,8 +33,7 @@ from .policies.extract import extract_tree
 from .policies.tree import Tree
 from .runs.progress import ProgressBar
 from .runs.run import Run
-from .search.masking import extract_unmasked
-from .search.size_limit import has_limit, is_due, mask_state, prune_step, prune_within
+from .search.size_limit import extract_unmasked, has_limit, is_due, mask_state, prune_step, prune_within
 from .trees import DecisionTree, Group
 from .trees.actions import ActionSpec, BoxActions
 

@@ -10,7 +10,7 @@ import pytest
 
 from sympol.search.budget import Budget
 from sympol.search.finetune_thresholds import (
-    JUDGING_FACTOR,
+    FINAL_FACTOR,
     MAX_EPISODE_FACTOR,
     OBSERVED,
     REPORT_EVERY,
@@ -92,7 +92,7 @@ def test_a_generation_shares_its_episodes_and_no_two_generations_do():
     assert numbers[:SCHEDULE_WINDOW] == [8] * SCHEDULE_WINDOW
     for one, next_one in zip(generations, [*generations[1:], last], strict=True):
         assert next_one.start == one.stop
-    assert len(last) == JUDGING_FACTOR * numbers[-1]
+    assert len(last) == FINAL_FACTOR * numbers[-1]
     assert len(told) == len(generations) // REPORT_EVERY
     assert told[0].steps == OBSERVED * LENGTH + sum(
         number * 8 * LENGTH for number, _ in evaluator.calls[:REPORT_EVERY]
