@@ -1,4 +1,4 @@
-"""The evaluator of environments that only Gymnasium has: copies are stepped in turn and their actions computed together."""
+"""The evaluator of environments that only Gymnasium has: copies stepped in turn, their actions computed together."""
 
 from __future__ import annotations
 
