@@ -54,7 +54,6 @@ WORDS = {
 
 NOT_YET = frozenset(
     [
-        "cli",
         "envs",
         "trees",
         "tune",

@@ -1,4 +1,4 @@
-"""Polishing finds the numbers that are known to be best, and mutator nothing else."""
+"""Fine-tuning finds the numbers that are known to be best, and changes nothing else."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def test_where_nothing_is_left_to_gain_it_ends():
 
 
 def test_of_several_trees_those_go_on_that_can_be_made_more_of():
-    """The wrong questions are better at first, and polished they are not."""
+    """The tree with the wrong features is better at first, and worse once both are fine-tuned."""
     wrong = replace(OFF, feature=np.where(OFF.feature == 0, 2, OFF.feature))  # never asks about a
     poor = tree_of([1.2, 1.0, -1.0], CHOICES, DiscreteActions(4))
     evaluator = Bandit(TRUTH)

@@ -262,7 +262,7 @@ def _finish(
 
 
 def _likeness(teacher: Teacher, tree: DecisionTree, x: np.ndarray) -> dict[str, float]:
-    """How alike the two act where the teacher came by: the share of equal actions, or how far apart they are."""
+    """Return how alike the two act on what the teacher observed: the share of equal actions, or their distance."""
     ours, its = tree.predict(x).reshape(len(x), -1), teacher.act(x).reshape(len(x), -1)
     if isinstance(teacher.spec.actions, BoxActions):
         return {"action_difference": float(np.abs(ours - its).mean())}
