@@ -43,7 +43,18 @@ BELOW: dict[str, set[str]] = {
     "frameworks": {"functional", "policies", "envs", "trees", "play", "serving"},
 }
 """What each room may import besides itself; what stands above them all is in TOP, lowest first."""
-TOP = ["search", "agents", "teachers", "training", "search.front", "report", "tune", "bench", "cli"]
+TOP = [
+    "search",
+    "trained_policy",
+    "agents",
+    "teachers",
+    "training",
+    "search.front",
+    "report",
+    "tune",
+    "bench",
+    "cli",
+]
 for above in TOP:
     BELOW[above] = {*BELOW}  # what comes later in TOP is not in it yet
 BELOW["__main__"] = {"cli"}

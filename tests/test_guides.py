@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import jax
@@ -31,12 +33,15 @@ def promotion():
 
 
 def run_page(name: str) -> dict[str, Any]:
-    """Execute the Python of a page, one block after another, and return its names."""
+    """Execute the Python of a page as a module, one block after another, and return its names."""
     text = (GUIDES / f"{name}.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    names: dict[str, Any] = {"__name__": name}
-    exec(compile("\n".join(blocks), f"{name}.md", "exec"), names)
-    return names
+    module = sys.modules[name] = ModuleType(name)  # where dataclasses look for the names of their fields
+    try:
+        exec(compile("\n".join(blocks), f"{name}.md", "exec"), vars(module))
+    finally:
+        del sys.modules[name]
+    return vars(module)
 
 
 @pytest.mark.slow

@@ -28,6 +28,9 @@ HEAVY = (
     "PIL",
     "safetensors",
 )
+SLOW = ("typeguard", "importlib.metadata")
+"""Modules that tyro imports for some types of arguments; a twelfth of a second each."""
+READERS = ("show", "verify", "explain", "export", "diff")
 OBSERVATION = ("--observation", "0", "0", "0.1", "0")
 
 
@@ -43,13 +46,17 @@ LARGEST = 60
 
 
 def imported(*words: object) -> set[str]:
-    """Run a command in a process of its own, in little memory; return the heavy modules that it imported."""
+    """Run a command in a process of its own, in little memory; return the heavy modules that it imported.
+
+    For a command that only reads a tree, slow modules count as heavy, too.
+    """
+    unwanted = (*HEAVY, *SLOW) if words and words[0] in READERS else HEAVY
     code = (
         "import json, sys\nfrom sympol.cli.app import main\n"
         "try:\n    main(sys.argv[1:])\nexcept SystemExit as stop:\n    assert stop.code in (0, 1, 2)\n"
         "status = open('/proc/self/status').read() if sys.platform == 'linux' else 'VmHWM: 0'\n"
         "megabytes = int(status.partition('VmHWM:')[2].split()[0]) / 1024\n"
-        f"print(json.dumps([megabytes, [name for name in {HEAVY} if name in sys.modules]]), file=sys.stderr)"
+        f"print(json.dumps([megabytes, [name for name in {unwanted} if name in sys.modules]]), file=sys.stderr)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, check=False

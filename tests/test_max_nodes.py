@@ -17,7 +17,7 @@ import sympol
 from sympol import DecisionTree, Start
 from sympol.agents import Agent, Report
 from sympol.algorithms.config import Config, ConfigError
-from sympol.bench.method_specs import same_config
+from sympol.bench.methods import same_config
 from sympol.functional import hard_tree
 from sympol.policies.extract import extract_tree
 from sympol.policies.tree import Tree
@@ -209,7 +209,7 @@ def test_what_is_validated_is_the_tree_in_its_shape():
 def test_validation_begins_anew():
     begun = until(agent(), 256)
     assert begun.state is not None
-    made = mask_state(begun.state, begun._extract(begun.state), begun.spec, begun.config, begun.seed)
+    made = mask_state(begun.state, begun.policy.extracted_tree, begun.spec, begun.config, begun.seed)
     assert made.validation.best_return == -np.inf
     best, actor = made.validation.best_actor, made.networks.actor
     assert np.asarray(best.thresholds).tobytes() == np.asarray(actor.thresholds).tobytes()

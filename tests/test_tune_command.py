@@ -130,7 +130,7 @@ def test_if_all_trials_fail_it_says_why(scripted, capsys):
         (["CartPole-v1", "--workers", "0"], "--workers must be at least 1, got 0"),
         (
             ["CartPole-v1", "--seed", "5"],
-            "--seed must be at least 1000, got 5: those below are of trainings that",
+            "--seed must be at least 1000, got 5: smaller seeds are for trainings that",
         ),
         (["CartPole-v1", "--total-timesteps", "100"], "total_timesteps must cover one rollout"),
         (["CartPole-v1", "--preset", "papers"], "CartPole-v1 has no preset 'papers'"),
@@ -169,7 +169,7 @@ def test_an_unreachable_database_is_one_line_without_the_password(capsys):
 
 def test_an_unreachable_scheduler_is_one_line(capsys, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("sympol.parallel.dask._PATIENCE", 1)
+    monkeypatch.setattr("sympol.parallel.dask._TIMEOUT", 1)
     error = refused_after_a_plan(capsys, *words(1, "--scheduler", f"tcp://127.0.0.1:{free_port()}"), status=1)
     assert "no Dask scheduler answers at" in error
 

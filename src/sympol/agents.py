@@ -13,11 +13,10 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from .algorithms.config import Config
-from .algorithms.inference import outputs
 from .algorithms.knobs import whole
 from .algorithms.memory import require_memory
 from .algorithms.metrics import metrics_of, require_finite
-from .algorithms.normalization import unbroken_bounds, warn_of_bounds
+from .algorithms.normalization import warn_of_bounds
 from .algorithms.presets import DEFAULT, preset
 from .algorithms.registry import algorithm_class
 from .algorithms.state import TrainState
@@ -29,13 +28,12 @@ from .envs.registry import resolve
 from .envs.spec import Backend, EnvSpec, warn_of_one_copy
 from .play import draw, fitted_actions
 from .policies.actor import Actor
-from .policies.extract import extract_tree
-from .policies.tree import Tree
 from .runs.progress import ProgressBar
 from .runs.run import Run
-from .search.size_limit import extract_unmasked, has_limit, is_due, mask_state, prune_step, prune_within
+from .search.size_limit import is_due, mask_state
+from .trained_policy import TrainedPolicy
 from .trees import DecisionTree, Group
-from .trees.actions import ActionSpec, BoxActions
+from .trees.actions import ActionSpec
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ class Agent(abc.ABC):
         number = whole(seed)
         if number is None or not 0 <= number < 2**32:
             raise ValueError(f"seed must be a whole number from 0 to 2^32 - 1, got {seed!r}")
-        self.spec: EnvSpec = (
+        spec = (
             env
             if isinstance(env, EnvSpec)
             else resolve(
@@ -119,16 +117,20 @@ class Agent(abc.ABC):
                 backend=backend,
             )
         )
-        self.seed = number
-        self.preset = preset
-        self.start: Start | None = start_of(start, freeze, self.spec)
-        """The tree that training begins with; None where it begins with a random policy."""
-        self.config = _config(
-            self.spec, preset, {"algorithm": self.algorithm, "policy": policy, **config}, self.start
-        )
+        begins_with = start_of(start, freeze, spec)
+        values = {"algorithm": self.algorithm, "policy": policy, **config}
         if "num_envs" not in config:
-            warn_of_one_copy(self.spec)
-        self.spec = self.spec.trained_with(self.config.num_envs)
+            warn_of_one_copy(spec)
+        self._set(spec, _config(spec, preset, values, begins_with), number, preset, begins_with)
+
+    def _set(self, spec: EnvSpec, config: Config, seed: int, preset: str, start: Start | None) -> None:
+        """Set the attributes of an agent that has learnt nothing."""
+        self.spec = spec.trained_with(config.num_envs)
+        self.config = config
+        self.seed = seed
+        self.preset = preset
+        self.start = start
+        """The tree that training begins with; None where it begins with a random policy."""
         self.state: TrainState | None = None
         """Everything trained so far; None before `learn`."""
         self.compile_seconds = 0.0
@@ -136,8 +138,8 @@ class Agent(abc.ABC):
         self.is_training = False
         """Whether `learn` has compiled its program and takes steps."""
         self._warned = self._said_cut = False
-        self._rng = np.random.default_rng(self.seed)
-        self._trees: dict[tuple[int, bool], DecisionTree] = {}
+        self._rng = np.random.default_rng(seed)
+        self._policy: tuple[TrainState | None, TrainedPolicy] | None = None
 
     @property
     def num_timesteps(self) -> int:
@@ -226,7 +228,8 @@ class Agent(abc.ABC):
     def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:
         """Return the state in the shape of a tree that is small enough, validated."""
         trainer.close()  # there may be no more copies of the environment than it has open
-        small = mask_state(state, self._extract(state), self.spec, self.config, self.seed)
+        full = TrainedPolicy(self.spec, self.config, self.seed, state).extracted_tree
+        small = mask_state(state, full, self.spec, self.config, self.seed)
         validated = trainer.advance(small, int(small.timestep))
         return validated._replace(episodes=state.episodes)  # still to be reported
 
@@ -279,41 +282,32 @@ class Agent(abc.ABC):
         Raises:
             RuntimeError: There is no policy before `learn`.
         """
-        if self.has_tree:
-            tree = self.tree(prune=False)
-            return tree.outputs(x)
-        return outputs(self.actor, self._trained().normalizer, x)
+        return self.policy.outputs(x)
+
+    @property
+    def policy(self) -> TrainedPolicy:
+        """The policy that training has reached."""
+        if self._policy is None or self._policy[0] is not self.state:
+            self._policy = (
+                self.state,
+                TrainedPolicy(self.spec, self.config, self.seed, self.state, self.start),
+            )
+        return self._policy[1]
 
     @property
     def actor(self) -> Actor:
         """The actor that is the policy: the best one validated, or without ``select_best`` the last."""
-        return self._actor(self._trained())
+        return self.policy.actor
 
     @property
     def actions(self) -> ActionSpec:
         """The meaning of the outputs, with the standard deviation of continuous actions."""
-        if self.state is None and self.start is not None:
-            return self.start.tree.actions
-        return self._actions(self.actor) if isinstance(self.spec.actions, BoxActions) else self.spec.actions
-
-    def _actions(self, actor: Actor) -> ActionSpec:
-        actions = self.spec.actions
-        if not isinstance(actions, BoxActions):
-            return actions
-        return replace(actions, std=tuple(np.exp(np.asarray(actor.log_std)).tolist()))
+        return self.policy.actions
 
     @property
     def has_tree(self) -> bool:
         """True where the policy is a tree, so that `tree` returns it."""
         return self.config.policy == "tree"
-
-    def _actor(self, state: TrainState) -> Actor:
-        return state.validation.best_actor if self.config.select_best else state.networks.actor
-
-    def _trained(self) -> TrainState:
-        if self.state is None:
-            raise RuntimeError("there is no policy yet: call learn() first")
-        return self.state
 
     def tree(self, *, prune: bool = True) -> DecisionTree:
         """Return the policy as a tree: the best one validated, or without ``select_best`` the last.
@@ -332,19 +326,7 @@ class Agent(abc.ABC):
         Raises:
             RuntimeError: There is neither a trained policy nor a tree to start from, or the policy is no tree.
         """
-        if self.start is None:
-            self._trained()
-        if not self.has_tree:
-            raise RuntimeError(
-                f"{self.config.policy} is no tree; make one of it with `sympol distill` or sympol.distill_policy"
-            )
-        now = self.num_timesteps
-        if (now, False) not in self._trees:
-            self._trees = {(now, False): self._limited()}
-        if (now, prune) not in self._trees:
-            listed = self.spec.all_observations()
-            self._trees[now, True] = self._trees[now, False].prune(observations=listed)
-        return self._trees[now, prune]
+        return self.policy.pruned_tree if prune else self.policy.full_tree
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the agent as a run's folder; an earlier run of that name is replaced.
@@ -380,28 +362,7 @@ class Agent(abc.ABC):
         Raises:
             RuntimeError: There is no policy before `learn`.
         """
-        return self._metadata(self._trained())
-
-    def _metadata(self, state: TrainState) -> dict[str, Any]:
-        features = self.spec.features
-        low, high = unbroken_bounds(features, state)
-        actions = self._actions(self._actor(state))
-        return {"actions": actions, **features.metadata(), "feature_low": low, "feature_high": high}
-
-    def _extract(self, state: TrainState) -> DecisionTree:
-        actor = self._actor(state)
-        assert isinstance(actor, Tree)
-        shift, scale = (np.asarray(part) for part in state.normalizer)
-        extract = extract_unmasked if has_limit(self.config) else extract_tree
-        return extract(actor, shift, scale, **self._metadata(state))
-
-    def _limited(self) -> DecisionTree:
-        """Return the tree to start from or the trained one, within the size limit, if there is one."""
-        begun = self.state is None and self.start is not None
-        tree = self.start.tree if begun else self._extract(self._trained())  # pyright: ignore[reportOptionalMemberAccess]
-        if not has_limit(self.config) or self.num_timesteps >= prune_step(self.config):
-            return tree
-        return prune_within(tree, self.spec, self.config, self.seed)
+        return self.policy.metadata()
 
 
 @final
@@ -441,7 +402,9 @@ def agent_class(algorithm: str) -> type[Agent]:
     )
 
 
-def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = None) -> Agent:
+def agent_of(
+    spec: EnvSpec, config: Config, seed: int, start: Start | None = None, *, preset: str = DEFAULT
+) -> Agent:
     """Return an untrained agent with exactly this config.
 
     Args:
@@ -449,6 +412,7 @@ def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = Non
         config: The config, which also names the algorithm and the policy.
         seed: The seed of everything random.
         start: The tree to start from, if there is one.
+        preset: The preset that the config is from.
 
     Returns:
         The agent.
@@ -457,11 +421,12 @@ def agent_of(spec: EnvSpec, config: Config, seed: int, start: Start | None = Non
         ConfigError: The tree to start from does not fit the config.
         ValueError: The tree to start from does not fit the environment.
     """
-    agent = agent_class(config.algorithm)(config.policy, spec, seed=seed)
-    agent.config, agent.spec = config, spec.trained_with(config.num_envs)
     if start is not None:
         start.check(config)
-        agent.start = start.fitted(spec)
+        start = start.fitted(spec)
+    kind = agent_class(config.algorithm)
+    agent = kind.__new__(kind)
+    agent._set(spec, config, seed, preset, start)
     return agent
 
 
@@ -490,8 +455,7 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
 def load_run(run: Run) -> Agent:
     """Return the agent of a run that is open; see `load`."""
     run.require_training()
-    agent = agent_of(run.resolve_env(), run.config, run.seed, run.load_start())
-    agent.preset = run.metadata["preset"]
+    agent = agent_of(run.resolve_env(), run.config, run.seed, run.load_start(), preset=run.metadata["preset"])
     source = agent.spec if agent.spec.env is None else agent.spec.env
     loop = make_loop(source, agent.config.static(), warm=agent.start is not None)
     agent.state = run.load_checkpoint(loop.saved_template())

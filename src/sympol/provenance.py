@@ -8,7 +8,6 @@ import hashlib
 import importlib.util
 import platform
 import subprocess
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from .threads import threads
@@ -75,6 +74,8 @@ def commit() -> str:
 
 def _installed(*packages: str) -> dict[str, str]:
     """Return the installed version of each package, ``"none"`` for one that is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # slow to import
+
     found = {}
     for package in packages:
         try:

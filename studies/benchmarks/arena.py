@@ -28,7 +28,7 @@ from sympol.search.evaluators.jax import JaxEvaluator
 from sympol.search.evaluators.tabular import TabularEvaluator
 from sympol.trees import DecisionTree
 
-from .timing import write
+from .timing import arguments_of, write
 
 ENVIRONMENTS = (
     "CartPole-v1",
@@ -112,9 +112,7 @@ def measured(name: str, given: argparse.Namespace) -> dict[str, Rate]:
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("--trees", type=int, default=128, help="compared in one call; on the host an eighth")
     parser.add_argument("--episodes", type=int, default=64, help="that each of them plays")
     parser.add_argument("--repeats", type=int, default=5, help="of each, in turns")

@@ -12,7 +12,6 @@ docs/guides/exports.md.
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import subprocess
@@ -34,7 +33,7 @@ from sympol.trees import DecisionTree
 from sympol.trees.export.check import run
 
 from .rivals.environment import interpreter
-from .timing import ROOT, write
+from .timing import ROOT, arguments_of, write
 
 ENV = "CartPole-v1"
 N_ENVS = 500
@@ -160,7 +159,7 @@ def code_sizes(tree: DecisionTree) -> dict[str, dict[str, int]]:
             continue
         for style in ("ifs", "table"):
             with tempfile.TemporaryDirectory() as folder:
-                Path(folder, "policy.c").write_text(tree.export("c", style=style))
+                Path(folder, "policy.c").write_text(str(tree.export("c", style=style)))
                 subprocess.run(
                     [compiler, "-std=c99", "-Os", *flags, "-c", "policy.c"], cwd=folder, check=True
                 )
@@ -210,7 +209,7 @@ def put_in_page(content: dict[str, Any], page: Path) -> None:
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments_of(__doc__)
     parser.add_argument("run", nargs="?", type=Path)
     parser.add_argument("--sb3", action="store_true", help="measure stable-baselines3 as well")
     given = parser.parse_args()

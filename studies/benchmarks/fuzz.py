@@ -12,7 +12,6 @@ that one alone. Writes studies/results/fuzz.json, and each kind of failure, with
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 import time
@@ -21,7 +20,7 @@ from random import Random
 
 from .fuzz_ask import Found, apart, asked
 from .fuzz_classes import CLASSES
-from .timing import ROOT, write
+from .timing import ROOT, arguments_of, write
 
 
 def keep(name: str, seed: int, found: Found) -> None:
@@ -37,9 +36,7 @@ def keep(name: str, seed: int, found: Found) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("classes", nargs="*", metavar="CLASS", help=", ".join(CLASSES))
     parser.add_argument("--inputs", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)

@@ -30,7 +30,7 @@ from sympol.cli.app import main
 from .fuzz_ask import Broken, TooLong
 from .fuzz_inputs import EVIL
 
-WORK = ("cli.learn:learn", "bench.bench:run", "tune.tune:tune", "search.front.search:search")
+WORK = ("cli.learn:learn", "bench.run:run", "tune.tune:tune", "search.front.search:search")
 """Functions, as the commands know them, that begin what was asked for."""
 LONG = ("play.py", "film", "distill", "report")
 """Where a command may be when it has taken long without breaking the rule: many episodes were asked for."""
@@ -150,8 +150,7 @@ class Box:
         if not self.made.exists():
             _make(scratch / "making")
             (scratch / "making").rename(self.made)
-        self.files = {path: path.read_bytes() for path in _files(self.made)}
-        self.files = {str(path.relative_to(self.made)): content for path, content in self.files.items()}
+        self.files = {str(path.relative_to(self.made)): path.read_bytes() for path in _files(self.made)}
         self.outside.mkdir(exist_ok=True)
 
     def fill(self, changes: dict[str, Content]) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import types
 import typing
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from random import Random
@@ -144,8 +146,8 @@ class Flags:
 
     def _flag(self, dice: Random, command: str) -> list[str]:
         kinds = (self.kinds[command], Config) if command == "train" else (self.kinds[command],)
-        hints = {name: hint for kind in kinds for name, hint in typing.get_type_hints(kind).items()}
-        name = dice.choice([name for name in hints if name != "config"])
+        hints = {name: hint for kind in kinds for name, hint in _hints(kind) if name != "config"}
+        name = dice.choice([*hints])
         flag = "--" + name.replace("_", "-")
         values = self._values(dice, hints[name])
         if len(values) == 1 and dice.random() < 0.2:
@@ -169,6 +171,15 @@ class Flags:
             return [dice.choice(self.huge if dice.random() < 0.1 else self.integers)]
         choices = {float: self.floats, Path: self.paths}.get(hint, self.strings)
         return [dice.choice(choices if dice.random() < 0.9 else self.strings)]
+
+
+def _hints(kind: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the names and types of a command's arguments, those of groups included."""
+    for name, hint in typing.get_type_hints(kind).items():
+        if dataclasses.is_dataclass(hint):
+            yield from _hints(hint)
+        else:
+            yield name, hint
 
 
 def _leads_away(word: str) -> bool:

@@ -338,7 +338,7 @@ def smaller(given: Any, still: Callable[[Any], bool], tries: int = 150) -> Any:
     while tries > 0:
         at = 0
         while at < len(given) and tries > 0:
-            shorter = given[:at] + given[at + size :]
+            shorter = given[:at] + given[at + size :]  # pyright: ignore[reportOperatorIssue]
             tries -= 1
             if still(shorter):
                 given = shorter

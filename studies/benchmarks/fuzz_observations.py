@@ -91,7 +91,7 @@ def _worlds() -> list[tuple[gymnasium.Space, gymnasium.Space]]:
         Discrete(4),
         Discrete(3, start=-1),
         MultiDiscrete([2, 3]),
-        MultiDiscrete([[2, 3], [2, 2]]),
+        MultiDiscrete(np.array([[2, 3], [2, 2]])),
         MultiBinary(3),
         MultiBinary((2, 2)),
         Dict({"a": BoxSpace(-1, 1, (2,)), "b": Discrete(3), "c": MultiBinary(2)}),

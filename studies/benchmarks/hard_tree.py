@@ -11,7 +11,6 @@ stream, a chain of dependent-free gathers and a large matrix product reach on th
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from typing import Any
 
@@ -21,7 +20,7 @@ import numpy as np
 from jax import Array
 from rich.console import Console
 from rich.table import Table
-from studies.benchmarks.timing import Timing, compile_seconds, interleaved, write
+from studies.benchmarks.timing import Timing, arguments_of, compile_seconds, interleaved, write
 from tests.functional.oracle import random_tree, textbook_tree
 
 from sympol.functional import hard_tree
@@ -192,9 +191,7 @@ def micro_batches(repeats: int) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("--repeats", type=int, default=40, help="of every variant, in turns")
     arguments = parser.parse_args()
 

@@ -11,7 +11,6 @@ that nobody killed. Writes studies/results/kills.json.
 
 from __future__ import annotations
 
-import argparse
 import os
 import random
 import subprocess
@@ -22,7 +21,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from .timing import write
+from .timing import arguments_of, write
 
 EVALS = 16
 SMALL = (
@@ -193,9 +192,7 @@ def differences(one: dict[str, object], other: dict[str, object]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=", ".join(KINDS))
     parser.add_argument("--kills", type=int, default=100, help="of all kinds together")
     parser.add_argument("--seed", type=int, default=0)

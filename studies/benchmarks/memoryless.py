@@ -12,7 +12,6 @@ studies/results/memoryless.json.
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
@@ -27,7 +26,7 @@ from sympol.envs.capabilities import steps_to_goal
 from sympol.envs.minigrid import make
 
 from .minigrid import PAPER
-from .timing import write
+from .timing import arguments_of, write
 
 TIME_LIMIT = 300.0
 """Seconds; the bound holds also where the search was cut short."""
@@ -83,12 +82,12 @@ def measure(name: str) -> dict[str, Any]:
     result = milp(
         cost,
         constraints=[
-            LinearConstraint(out - into + given_up, mass, mass),
+            LinearConstraint(out - into + given_up, mass, mass),  # pyright: ignore[reportArgumentType]
             LinearConstraint(chosen, -np.inf, 0),
             LinearConstraint(one_each, 1, 1),
         ],
         integrality=np.isin(np.arange(num_variables), choice).astype(int),
-        bounds=Bounds(np.zeros(num_variables), upper),
+        bounds=Bounds(np.zeros(num_variables), upper),  # pyright: ignore[reportArgumentType]
         options={"time_limit": TIME_LIMIT, "mip_rel_gap": 1e-6},
     )
     return {
@@ -103,9 +102,13 @@ def measure(name: str) -> dict[str, Any]:
 
 def main() -> None:
     """Solve, print, write."""
+    parser = arguments_of(__doc__)
+    tasks = [name for name in PAPER if name.startswith("MiniGrid")]
+    parser.add_argument("envs", nargs="*", metavar="ENV", default=tasks)
+    given = parser.parse_args()
     results = {}
     table = Table("task", "states", "observations", "optimum", "best without memory", "bound", "s")
-    for name in sys.argv[1:] or [name for name in PAPER if name.startswith("MiniGrid")]:
+    for name in given.envs:
         results[name] = row = measure(name)
         table.add_row(
             name,

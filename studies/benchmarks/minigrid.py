@@ -11,7 +11,6 @@ and all its readers act alike. Writes studies/results/minigrid.json, every seed 
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import Any
 
@@ -30,7 +29,7 @@ from sympol.play import episode_seed, play
 from sympol.search.evaluators.tabular import play_table
 from sympol.trees import DecisionTree
 
-from .timing import write_environments
+from .timing import arguments_of, write_environments
 
 PAPER = {  # mean return, table of the paper
     "MiniGrid-Empty-Random-6x6-v0": 0.964,
@@ -55,7 +54,7 @@ def best_returns(spec: EnvSpec, num_episodes: int) -> np.ndarray:
 
 def returns_from_all_starts(tree: DecisionTree, env: MiniGrid) -> tuple[np.ndarray, np.ndarray]:
     """What the tree earns from each start, following the graph, and the most that can be earned there."""
-    graph, starts = env.state_graph(), all_starts(env)
+    graph, starts = env.state_graph(), all_starts(env)  # pyright: ignore[reportArgumentType]
     assert graph is not None
     assert starts is not None
     state, limit = graph.index(starts), env.max_episode_steps
@@ -103,9 +102,7 @@ def measure(env: str, seed: int, episodes: int, options: dict[str, Any]) -> dict
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("envs", nargs="*", metavar="ENV", default=list(PAPER))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--timesteps", type=int, help="of each training; else the preset's")

@@ -9,7 +9,6 @@ on thresholds, beside them, on bounds, subnormal.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,14 +17,17 @@ import jax
 import numpy as np
 
 import sympol
+from sympol.agents import Agent
 from sympol.play import play
 from sympol.policies.distributions import distribution_of
 from sympol.provenance import versions
 from sympol.trees import DecisionTree
 
-from .timing import write_environments
+from .timing import arguments_of, write_environments
 
-SPECIAL = np.float32([0, -0.0, 1e-40, -1e-40, 1.1754942e-38, 1.1754944e-38, -1.1754944e-38, 1e-20, -1e-20])
+SPECIAL = np.array(
+    [0, -0.0, 1e-40, -1e-40, 1.1754942e-38, 1.1754944e-38, -1.1754944e-38, 1e-20, -1e-20], np.float32
+)
 NUM_OBSERVATIONS = 1_000_000
 SEED = 12
 
@@ -61,7 +63,7 @@ def observations(
     return rng.permutation(np.clip(x, tree.feature_low, tree.feature_high))
 
 
-def trained_policy(agent: sympol.PPO) -> Callable[[np.ndarray], np.ndarray]:
+def trained_policy(agent: Agent) -> Callable[[np.ndarray], np.ndarray]:
     """What acts in training when it does not sample: in JAX, scaling included, straight from the parameters."""
     state, space = agent.state, agent.spec.action_space
     assert state is not None
@@ -79,7 +81,7 @@ def trained_policy(agent: sympol.PPO) -> Callable[[np.ndarray], np.ndarray]:
     return native
 
 
-def readers(agent: sympol.PPO) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+def readers(agent: Agent) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
     """All that claims to be this policy; where all observations are listed, pruned on them or only as elsewhere."""
     full, tree = agent.tree(prune=False), agent.tree()
     program: dict[str, Any] = {"__name__": "policy"}
@@ -96,7 +98,7 @@ def readers(agent: sympol.PPO) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
     }
 
 
-def disagreements(agent: sympol.PPO, x: np.ndarray, *, python_on: int | None = None) -> dict[str, int]:
+def disagreements(agent: Agent, x: np.ndarray, *, python_on: int | None = None) -> dict[str, int]:
     """On how many observations each reader does something else; generated Python on the first ``python_on``."""
     expected = trained_policy(agent)(x).reshape(len(x), -1)
     counts = {}
@@ -126,14 +128,16 @@ def measure(run: Path) -> dict[str, Any]:
     }
 
 
-def main(runs: list[str]) -> None:
-    results = {result["env"]: result for result in map(measure, map(Path, runs))}
+def main(words: list[str] | None = None) -> None:
+    """Count, print, write."""
+    parser = arguments_of(__doc__)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="the folder of a finished run")
+    given = parser.parse_args(words)
+    results = {result["env"]: result for result in map(measure, given.runs)}
     for env, result in results.items():
         print(f"{env} seed {result['seed']}: {result['disagreements']}")
     print(f"written to {write_environments('no_loss', {'versions': versions()}, results)}")
 
 
 if __name__ == "__main__":
-    if not sys.argv[1:]:
-        sys.exit("give the folders of finished runs: python -m studies.benchmarks.no_loss RUN...")
-    main(sys.argv[1:])
+    main()

@@ -10,7 +10,6 @@ changes of one (`Evaluator.play_variants`), which brings the same returns. Write
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from sympol.search.insert_splits import apply_insertions, sample_insertions
 from sympol.search.prunings import apply_prunings, prune_moves
 from sympol.trees import DecisionTree
 
-from .timing import ROOT, interleaved, write
+from .timing import ROOT, arguments_of, interleaved, write
 
 ENVIRONMENT, MAX_NODES = "LunarLander-v3", 63
 WATCHED = 64
@@ -62,9 +61,7 @@ def measured(
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("--episodes", type=int, default=32, help="of a race")
     parser.add_argument("--trees", type=int, default=64, help="that race")
     parser.add_argument("--repeats", type=int, default=3, help="of each, in turns")

@@ -21,7 +21,7 @@ from PIL import Image
 from sympol.cli.app import main as sympol
 from sympol.runs.run import Run
 
-from .timing import ROOT, write
+from .timing import ROOT, arguments_of, write
 
 RUNS = ROOT / "runs" / "report"
 IMAGES = ROOT / "docs" / "images" / "report"
@@ -39,8 +39,12 @@ VIEWPORT: Any = {"width": 1280, "height": 940}
 DARK = "lunarlander"
 
 
-def main(given: list[str]) -> None:
-    runs = {path.name: path for path in map(Path, given)} or trained()
+def main() -> None:
+    """Write, measure, photograph."""
+    parser = arguments_of(__doc__)
+    parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="the folder of a finished run")
+    given = parser.parse_args()
+    runs = {path.name: path for path in given.runs} or trained()
     pages = {name: RUNS / f"{name}.html" for name in runs if Run.open(runs[name]).has_tree}
     RUNS.mkdir(parents=True, exist_ok=True)
     for name, page in pages.items():
@@ -104,4 +108,4 @@ def opened(browser: Any, name: str, path: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -8,7 +8,6 @@ and up). Writes studies/results/returns.json, every seed in it, beside the paper
 
 from __future__ import annotations
 
-import sys
 import time
 
 import numpy as np
@@ -18,7 +17,7 @@ from rich.table import Table
 import sympol
 from sympol.play import play
 
-from .timing import write_environments
+from .timing import arguments_of, write_environments
 
 PAPER = {  # mean return and nodes, tables of the paper
     "CartPole-v1": (500, 39.4),
@@ -63,10 +62,12 @@ def measure(env: str) -> list[dict[str, float]]:
 
 def main() -> None:
     """Measure, print, write."""
-    names = sys.argv[1:] or list(PAPER)
+    parser = arguments_of(__doc__)
+    parser.add_argument("envs", nargs="*", metavar="ENV", default=list(PAPER))
+    given = parser.parse_args()
     results = {}
     table = Table("environment", "return", "every seed", "paper", "nodes", "every seed", "paper", "s each")
-    for env in names:
+    for env in given.envs:
         rows = measure(env)
         returns, nodes = (np.array([row[key] for row in rows]) for key in ("return_mean", "nodes"))
         paper_return, paper_nodes = PAPER.get(env, (float("nan"), float("nan")))

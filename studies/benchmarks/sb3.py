@@ -10,7 +10,6 @@ studies/results/sb3.json.
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from rich.console import Console
@@ -20,7 +19,7 @@ import sympol
 from sympol.play import play
 
 from .rivals.environment import train
-from .timing import write_environments
+from .timing import arguments_of, write_environments
 
 TASKS = ("Acrobot-v1", "Pendulum-v1")
 SEEDS = range(3)
@@ -67,7 +66,9 @@ def ours(env: str, seed: int, steps: int, settings: dict[str, Any]) -> dict[str,
 
 def main() -> None:
     """Measure, print, write."""
-    steps = int(sys.argv[1]) if sys.argv[1:] else STEPS
+    parser = arguments_of(__doc__)
+    parser.add_argument("steps", nargs="?", type=int, default=STEPS, metavar="STEPS")
+    steps = parser.parse_args().steps
     table = Table(
         "environment", "sympol, zoo's settings", "stable-baselines3, zoo's", "sympol, default", "steps"
     )

@@ -1,34 +1,29 @@
 """CartPole by stable-baselines3's own PPO, its actor a tree: examples/sb3_tree.py on three seeds.
 
-    python -m studies.benchmarks.sb3_tree PYTHON [STEPS]
+    python -m studies.benchmarks.sb3_tree [STEPS]
 
-PYTHON is an interpreter that has sympol and stable-baselines3. Writes studies/results/sb3_tree.json.
+It runs in an environment with stable-baselines3 (`studies.benchmarks.rivals`), which is built on first use. Writes
+studies/results/sb3_tree.json.
 """
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 import time
 
-from .timing import ROOT, write_environments
+from .rivals.environment import interpreter, last_line
+from .timing import ROOT, arguments_of, write_environments
 
 SEEDS = range(3)
 STEPS = 160_000
 
 
-def train(python: str, steps: int, seed: int) -> dict[str, float]:
-    """Run the example; what its last line says, and how long it took."""
+def train(steps: int, seed: int) -> dict[str, float]:
+    """Run the example; return what its last line says, and the seconds that it took."""
     start = time.perf_counter()
-    command = [python, str(ROOT / "examples" / "sb3_tree.py"), str(steps), str(seed)]
-    env = {**os.environ, "OMP_NUM_THREADS": "1"}
-    said = subprocess.run(command, check=True, capture_output=True, text=True, env=env).stdout.splitlines()[
-        -1
-    ]
-    nodes, mean, std = re.findall(r"[\d.]+", said)[:3]
+    printed = last_line("sb3", ROOT / "examples" / "sb3_tree.py", steps, seed)
     seconds = time.perf_counter() - start
+    nodes, mean, std = re.findall(r"-?[\d.]+", printed)[:3]
     return {
         "nodes": int(nodes),
         "return_mean": float(mean),
@@ -38,9 +33,13 @@ def train(python: str, steps: int, seed: int) -> dict[str, float]:
 
 
 def main() -> None:
-    python, *rest = sys.argv[1:]
-    steps = int(rest[0]) if rest else STEPS
-    results = [{"seed": seed, **train(python, steps, seed)} for seed in SEEDS]
+    """Measure, print, write."""
+    parser = arguments_of(__doc__)
+    parser.add_argument("steps", nargs="?", type=int, default=STEPS, metavar="STEPS")
+    steps = parser.parse_args().steps
+    interpreter("sb3")  # building it is no part of the seconds
+    results = [{"seed": seed, **train(steps, seed)} for seed in SEEDS]
+    print(*results, sep="\n")
     settings = {"steps": steps, "episodes": 100}
     print(write_environments("sb3_tree", settings, {"CartPole-v1": {"trainings": results}}))
 

@@ -25,7 +25,7 @@ from sympol.envs.minigrid import TASKS, make
 from sympol.search.front.front import Front
 
 from .minigrid import returns_from_all_starts
-from .timing import ROOT, write
+from .timing import ROOT, arguments_of, write
 
 COLUMNS = ("task", "at most", "share of the optimum", "every run", "without memory", "starts solved", "nodes")
 
@@ -70,6 +70,7 @@ def markdown(tasks: Mapping[str, Mapping[str, Any]]) -> str:
 
 def main() -> None:
     """Follow, print, write."""
+    arguments_of(__doc__).parse_args()
     bounds = json.loads((ROOT / "studies" / "results" / "memoryless.json").read_text(encoding="utf-8"))[
         "tasks"
     ]

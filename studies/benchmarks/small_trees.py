@@ -8,7 +8,6 @@ compiled program, by which nothing was chosen. Writes studies/results/small_tree
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
@@ -21,7 +20,7 @@ from sympol.search.prune_by_return import prune_by_return
 from sympol.search.round_thresholds import digits_of, round_thresholds
 from sympol.trees import DecisionTree
 
-from .timing import write_environments
+from .timing import arguments_of, write_environments
 
 LIMITS = {
     "CartPole-v1": (5, 7, 15),
@@ -67,11 +66,14 @@ def measure(env: str, seed: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print, write."""
+    parser = arguments_of(__doc__)
+    parser.add_argument("envs", nargs="*", metavar="ENV", default=list(LIMITS))
+    given = parser.parse_args()
     results: dict[str, Any] = {}
     table = Table(
         "environment", "limit", "without a limit", "pruned afterwards", "within the limit", "rounded"
     )
-    for env in sys.argv[1:] or LIMITS:
+    for env in given.envs:
         rows = [measure(env, seed) for seed in SEEDS]
         results[env] = {"trainings": rows}
         free = [row["free"] for row in rows]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import json
 import os
@@ -17,6 +18,11 @@ from typing import Any, NamedTuple
 import jax
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+def arguments_of(document: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a benchmark's arguments, whose help is the benchmark's docstring."""
+    return argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 class Timing(NamedTuple):

@@ -11,7 +11,6 @@ studies/results/training.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -30,7 +29,7 @@ from sympol.algorithms.trainer import Trainer, make_loop, stops
 from sympol.envs.registry import resolve
 
 from .rivals.environment import train
-from .timing import interleaved, write
+from .timing import arguments_of, interleaved, write
 
 ENV = "CartPole-v1"
 SOLVED = 475.0
@@ -140,9 +139,7 @@ def rivals(repeats: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("--rivals", action="store_true", help="train stable-baselines3 and rejax as well")
     parser.add_argument("--repeats", type=int, default=3)
     given = parser.parse_args()

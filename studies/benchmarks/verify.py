@@ -7,7 +7,6 @@ a tree of 255 nodes over 8 features, asked in turns of both.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Callable
 from statistics import median
@@ -15,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from studies.benchmarks.timing import interleaved, write
+from studies.benchmarks.timing import arguments_of, interleaved, write
 from tests.trees.samples import ACTIONS, random_grouped_tree, random_tree
 from tests.trees.verify.oracle import Answer, ask, ask_equal, ask_monotone, ask_rule
 
@@ -100,9 +99,7 @@ def _silent(questions: dict[str, Callable[[], object]]) -> dict[str, Callable[[]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("--pairs", type=int, default=10_000)
     parser.add_argument("--questions", type=int, default=20)
     given = parser.parse_args()

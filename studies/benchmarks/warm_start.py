@@ -9,7 +9,6 @@ default presets but for the length. Test episodes on Gymnasium; writes studies/r
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +21,7 @@ import sympol
 from sympol.play import play
 from sympol.trees import DecisionTree, DiscreteActions
 
-from .timing import write_environments
+from .timing import arguments_of, write_environments
 
 EPISODES = 100
 TEST_SEED = 2026
@@ -34,7 +33,7 @@ def two_leaves() -> DecisionTree:
     """Push to where the pole leans."""
     return DecisionTree.from_complete(
         np.array([2]),
-        np.float32([0.0]),
+        np.zeros(1, np.float32),
         np.eye(2),
         actions=DiscreteActions(2),
         feature_names=[f"x[{i}]" for i in range(4)],
@@ -100,7 +99,10 @@ def measure(env: str) -> dict[str, Any]:
 
 def main() -> None:
     """Measure and write."""
-    for env in sys.argv[1:] or list(STARTS):
+    parser = arguments_of(__doc__)
+    parser.add_argument("envs", nargs="*", metavar="ENV", default=list(STARTS))
+    given = parser.parse_args()
+    for env in given.envs:
         write_environments("warm_start", {"episodes": EPISODES, "test_seed": TEST_SEED}, {env: measure(env)})
 
 

@@ -11,7 +11,6 @@ repeats of each. Writes studies/results/worlds.json.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from typing import Any
 
@@ -30,7 +29,7 @@ from sympol.play import sample_actions
 from sympol.policies.extract import extract_tree
 from sympol.trees import DecisionTree
 
-from .timing import Timing, interleaved, write
+from .timing import Timing, arguments_of, interleaved, write
 
 MINIGRID = (
     "MiniGrid-Empty-Random-6x6-v0",
@@ -122,9 +121,7 @@ def steps_per_second(env: str, num_envs: int, repeats: int) -> dict[Backend, dic
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments_of(__doc__)
     parser.add_argument("--num-envs", type=int, default=32, help="copies of each environment")
     parser.add_argument("--repeats", type=int, default=20, help="of every variant, in turns")
     given = parser.parse_args()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from sympol.results.number_format import number
+from sympol.results.formatting import number
 from sympol.results.style import PANEL, save, styled
 from sympol.runs.formatting import decimals
 from sympol.search.front.front import Front, Point

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from sympol.bench.paper import Quantity, paper_number
 from sympol.bench.record import Cell
+from sympol.bench.tables import Quantity, paper_number
 from sympol.search.front.plot import Reference
 
 

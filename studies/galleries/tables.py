@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from sympol.results.number_format import given, number
-from sympol.results.table_formats import in_markdown, pipe_table
+from sympol.results.formatting import as_printed, in_markdown, number, pipe_table
 from sympol.runs.formatting import decimals
 from sympol.search.front.formatting import cost_line, short_count
 from sympol.search.front.front import (
@@ -108,7 +107,7 @@ def _decimals(fronts: Sequence[Front]) -> int:
 
 
 def _goal(target: Target) -> str:
-    return target.words if target.mean is None else given(target.mean)
+    return target.words if target.mean is None else as_printed(target.mean)
 
 
 def _published(environment: str, nodes: int) -> str:
@@ -117,7 +116,7 @@ def _published(environment: str, nodes: int) -> str:
     if best is None:
         return ""
     label = best.label.removeprefix("published").removeprefix(", ")
-    return f"{given(best.mean)} ({', '.join(filter(None, [f'{best.nodes:g}', label]))})"
+    return f"{as_printed(best.mean)} ({', '.join(filter(None, [f'{best.nodes:g}', label]))})"
 
 
 def _mean_beside(target: Target, reached: BestUnderSize, places: int) -> str:

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from sympol.bench.bench import run
-from sympol.bench.method_specs import Settings
+from sympol.bench.methods import Settings
 from sympol.bench.plan import CellPlan, cells_of, plan_cells, selected, tables_of
 from sympol.bench.record import Record, load_all
+from sympol.bench.run import run
 from sympol.bench.summary import by_cell
 from sympol.distill import METHODS, viper
 

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sympol.bench.methods import known
-from sympol.bench.paper import paper_number
 from sympol.bench.record import Cell, Record
-from sympol.bench.tables import TABLES, Table
+from sympol.bench.tables import TABLES, Table, method_or_label, paper_number
 
 CONSTANT = {"CartPole-v1": 500.0}
 
@@ -48,7 +46,7 @@ def record(cell: Cell, *, trainings: int = 5, episodes: int = 20, **fields: Any)
         "sampled_returns": returns(mean - size),
         "nodes": None if nodes is None else (nodes * rng.uniform(0.7, 1.3, trainings)).astype(int),
         "curves": None
-        if known(cell.method).teacher
+        if method_or_label(cell.method).teacher
         else tuple({"timesteps": steps.tolist(), "returns": row.tolist()} for row in curve),
         "seconds": seconds * rng.uniform(0.95, 1.05, trainings),
         "config": {"depth": 7, "max_grad_norm": np.inf, "critic_hidden": (64, 64)},

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import sympol
-from sympol.bench import run as making
-from sympol.bench.bench import CHANGED, Work, run, waves
-from sympol.bench.jobs import Unit, jobs_of
-from sympol.bench.method_specs import Settings, distilling
+from sympol.bench import worker
+from sympol.bench.methods import Settings, distill_options
+from sympol.bench.plan import Unit, jobs_of
 from sympol.bench.record import Cell, RecordError, load
-from sympol.bench.run import EPISODES
+from sympol.bench.run import CHANGED, Results, run, waves
+from sympol.bench.worker import EPISODES
 from sympol.play import play
 from sympol.runs.lock import Busy, exclusive
 from sympol.trees import DecisionTree
@@ -56,7 +56,7 @@ def test_records_say_what_was_measured(finished):
         assert (record.curves is None) == (method not in ("tree", "mlp"))
         assert record.total_timesteps == SETTINGS.total_timesteps
         assert record.config["training"]["policy"] == ("tree" if method == "tree" else "mlp")
-        assert record.config.get("distill") == (None if record.curves else distilling(method))
+        assert record.config.get("distill") == (None if record.curves else distill_options(method))
         assert record.versions["sympol"] == sympol.__version__
         assert record.commit
         assert record.date
@@ -112,14 +112,14 @@ def test_more_trainings_are_added_to_those_there_are(root):
 
 
 def test_only_what_has_changed_is_run_again(root, monkeypatch):
-    monkeypatch.setattr("sympol.bench.run.trained", refuse)
-    monkeypatch.setitem(making.distill.__globals__["METHODS"], "sa-dt", other_sa_dt)
+    monkeypatch.setattr("sympol.bench.worker.train_agent", refuse)
+    monkeypatch.setitem(worker.distill.__globals__["METHODS"], "sa-dt", other_sa_dt)
     assert todo(root) == {"sa-dt-5": [0, 1]}
     monkeypatch.undo()
     change(root, "mlp", "learning_rate_critic", 0.5)
     assert todo(root) == {"mlp": [0, 1]}
     assert "training.learning_rate_critic 0.5 → 0.001" in next(
-        plan.was for plan in plans(root) if plan.cell.method == "mlp"
+        plan.status for plan in plans(root) if plan.cell.method == "mlp"
     )
 
 
@@ -169,8 +169,8 @@ def test_an_interrupted_bench_ends_as_one_that_was_not(finished, tmp_path, monke
 
         return stop_later
 
-    keep_as_ever = making.save_into
-    monkeypatch.setattr(making, "save_into", save_into)
+    keep_as_ever = worker.save_into
+    monkeypatch.setattr(worker, "save_into", save_into)
     with pytest.raises(KeyboardInterrupt):
         bench(tmp_path, "mlp", "sa-dt-5")
     assert records(tmp_path) == {}
@@ -183,7 +183,7 @@ def test_an_interrupted_bench_ends_as_one_that_was_not(finished, tmp_path, monke
 
 
 def test_units_that_are_done_are_not_done_again(root, monkeypatch):
-    monkeypatch.setattr("sympol.bench.run.trained", refuse)
+    monkeypatch.setattr("sympol.bench.worker.train_agent", refuse)
     before = records(root)
     shutil.rmtree(root / "results")
     after = bench(root)
@@ -243,11 +243,11 @@ def test_a_folder_of_another_config_is_begun_anew(root):
 
 def test_what_was_made_of_another_config_than_planned_is_no_record(root):
     shutil.rmtree(root / "results")
-    work = Work(root, plans(root, ("mlp",)), lambda record, path: None)
-    for plan in work.plans:
+    results = Results(root, plans(root, ("mlp",)), lambda record, path: None)
+    for plan in results.plans:
         for unit in plan.units:
             result = unit.result()
             assert result is not None
-            work.keep(unit, {**result, "config": {**result["config"], "episodes": 4}})
-    assert [failure.reason for failure in work.failures] == [CHANGED, CHANGED]
+            results.add(unit, {**result, "config": {**result["config"], "episodes": 4}})
+    assert [failure.reason for failure in results.failures] == [CHANGED, CHANGED]
     assert records(root) == {}

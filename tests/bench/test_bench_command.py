@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import sympol
-from sympol.bench import method_specs as recipes
-from sympol.bench.method_specs import agent_for, method_of, register_method
+from sympol.bench import methods
+from sympol.bench.methods import agent_for, method_of, register_method
 from sympol.bench.record import Cell
-from sympol.bench.runtime import take_turns
 from sympol.bench.tables import TABLES
+from sympol.bench.worker import take_turns
 from sympol.runs.run import Run
 from sympol.training import training_seconds
 
@@ -32,7 +32,7 @@ SMALL = ["--trainings", "2", "--episodes", "2", "--total-timesteps", "2048"]
 @pytest.fixture(autouse=True)
 def own_methods(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forget what a test registers."""
-    monkeypatch.setattr(recipes, "_OWN", {})
+    monkeypatch.setattr(methods, "_REGISTERED", {})
 
 
 def words(root: Path, *methods: str, environments: tuple[str, ...] = ("CartPole-v1",)) -> list[str]:
@@ -105,7 +105,7 @@ def test_trees_of_a_teacher_that_failed_fail_with_it(tmp_path, capsys, monkeypat
     def fail(*_: Any) -> None:
         raise RuntimeError("no memory left")
 
-    monkeypatch.setattr("sympol.bench.run.trained", fail)
+    monkeypatch.setattr("sympol.bench.worker.train_agent", fail)
     assert status_of("bench", *words(tmp_path, "sa-dt-5")) == 1
     said = capsys.readouterr().err
     assert "CartPole-v1 ppo-mlp seed 0: RuntimeError: no memory left" in said

@@ -7,13 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sympol.bench.curves import band
-from sympol.bench.figures import figures, write_figures
-from sympol.bench.methods import METHODS
+from sympol.bench.figures import figures, mean_and_std, write_figures
 from sympol.bench.record import Cell
 from sympol.bench.summary import by_cell
-from sympol.bench.tables import TABLES, Table
-from sympol.results.style import look
+from sympol.bench.tables import METHODS, TABLES, Table
+from sympol.results.style import style_of
 
 from .synthetic import record
 
@@ -32,18 +30,18 @@ def test_a_band_is_over_trainings():
         {"timesteps": [10, 20, 30], "returns": [0, 1, 2]},
         {"timesteps": [15, 20, 25], "returns": [2, 3, 4]},
     ]
-    of = band(record(cell, trainings=2, curves=curves))
+    of = mean_and_std(record(cell, trainings=2, curves=curves))
     assert of is not None
     assert of.timesteps.tolist() == [15, 20, 25]
     np.testing.assert_allclose(of.mean, [1.25, 2, 2.75])
     assert of.std is not None
     np.testing.assert_allclose(of.std, np.std([[0.5, 1, 1.5], [2, 3, 4]], axis=0, ddof=1))
-    one = band(record(cell, trainings=1, curves=curves[:1]))
+    one = mean_and_std(record(cell, trainings=1, curves=curves[:1]))
     assert one is not None
     assert one.std is None
-    assert band(record(cell, curves=None)) is None
+    assert mean_and_std(record(cell, curves=None)) is None
     apart = [{"timesteps": [1, 2], "returns": [0, 1]}, {"timesteps": [3, 4], "returns": [0, 1]}]
-    assert band(record(cell, trainings=2, curves=apart)) is None
+    assert mean_and_std(record(cell, trainings=2, curves=apart)) is None
 
 
 def test_curves_have_their_tests_dashed():
@@ -84,8 +82,8 @@ def test_the_same_records_the_same_file(tmp_path):
 
 def test_looks_differ():
     methods = [method for method in METHODS if not method.endswith("-paper")]
-    assert len({(look(m).colour, str(look(m).line)) for m in methods}) == len(methods)
-    assert len({look(m).marker for m in methods}) == len(methods)
-    assert look("tree-paper") == look("tree")
+    assert len({(style_of(m).colour, str(style_of(m).line)) for m in methods}) == len(methods)
+    assert len({style_of(m).marker for m in methods}) == len(methods)
+    assert style_of("tree-paper") == style_of("tree")
     mine = ["a", "b", "c", "d"]
-    assert len({look(m, mine)[:2] for m in mine}) == 4
+    assert len({style_of(m, mine)[:2] for m in mine}) == 4

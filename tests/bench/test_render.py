@@ -15,9 +15,8 @@ from sympol.bench.record import Cell, RecordError
 from sympol.bench.render import provenance, section, to_csv, to_latex, write, write_docs
 from sympol.bench.summary import by_cell
 from sympol.bench.tables import TABLES, Row, Table
-from sympol.results.number_format import count, interval, number
+from sympol.results.formatting import count, in_latex, in_markdown, interval, number
 from sympol.results.statistics import Interval
-from sympol.results.table_formats import in_latex, in_markdown
 
 from .synthetic import record, records
 

@@ -8,19 +8,21 @@ import pytest
 
 from sympol.algorithms.config import Config
 from sympol.algorithms.presets import preset
-from sympol.bench.methods import (
+from sympol.bench.record import Cell
+from sympol.bench.tables import (
     CONTROL,
+    MEAN,
     METHODS,
     OUR_VARIANTS,
     RUNTIME_VARIANTS,
     SHORT,
+    TABLES,
     VARIANT_LABELS,
     VARIANTS,
-    known,
+    Table,
+    method_or_label,
+    paper_number,
 )
-from sympol.bench.paper import MEAN, paper_number
-from sympol.bench.record import Cell
-from sympol.bench.tables import TABLES, Table
 
 
 def test_all_tables_of_the_issue_are_there():
@@ -35,7 +37,7 @@ def test_teachers_come_first_and_nothing_impossible(table):
     cells = table.cells()
     assert len({*cells}) == len(cells)
     for i, cell in enumerate(cells):
-        teacher = known(cell.method).teacher
+        teacher = method_or_label(cell.method).teacher
         assert teacher is None or cell._replace(method=teacher) not in cells[i:]
         assert not (
             cell.method.startswith("viper")
@@ -46,7 +48,7 @@ def test_teachers_come_first_and_nothing_impossible(table):
 @pytest.mark.parametrize("table", TABLES.values(), ids=lambda table: table.name)
 def test_every_cell_s_training_is_a_config(table):
     for cell in table.cells():
-        method = known(cell.method)
+        method = method_or_label(cell.method)
         found = preset(cell.environment, method.preset, policy=method.policy, algorithm=cell.algo)
         overrides = VARIANTS.get(cell.variant, {})
         Config.from_dict(found | {"policy": method.policy, "algorithm": cell.algo} | overrides)
@@ -65,7 +67,7 @@ def test_variants_change_one_thing_of_the_config():
 def test_teachers_are_methods():
     assert {method.teacher for method in METHODS.values()} <= {None, *METHODS}
     assert all(METHODS[m.teacher].policy == m.policy for m in METHODS.values() if m.teacher)
-    assert known("mine").label == "mine"
+    assert method_or_label("mine").label == "mine"
 
 
 def test_a_table_takes_anybody_s_environment_and_method():

@@ -57,7 +57,7 @@ class Cluster:
     def _start(self, role: str, *words: Any) -> subprocess.Popen:
         environment = {
             **os.environ,
-            "PYTHONPATH": str(ROOT),  # for the tests' own tasks
+            "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}",  # for the tests' own tasks, and this checkout
             "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(self._allowed_failures),
         }
         with (self._folder / f"{role}{len(self._processes)}.log").open("w") as log:

@@ -182,7 +182,7 @@ def test_however_it_ends_nothing_is_left_running(tmp_path, end):
         ([], {"workers": 2, "scheduler": "tcp://a:1"}, "exclude each other"),
         ([], {"scheduler": " "}, "an address such as tcp://host:8786"),
         ([], {"retries": -1}, "retries must be at least 0, got -1"),
-        ([task("a", "square"), task("a", "square")], {}, "names of their own, got 'a' more than once"),
+        ([task("a", "square"), task("a", "square")], {}, "unique names, got 'a' more than once"),
         ([Task("a", "square")], {}, "'module:qualname'.*got 'square'"),
         ([Task("a", "__main__:square")], {}, "another process can import"),
         ([Task("a", "no.such.module:f")], {}, "got 'no.such.module:f': No module named 'no'"),

@@ -150,7 +150,7 @@ def test_a_scheduler_that_goes_away_is_told(tmp_path):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://there", "127.0.0.1:what"])
 def test_no_scheduler_there(address, monkeypatch):
-    monkeypatch.setattr(dask, "_PATIENCE", 1)
+    monkeypatch.setattr(dask, "_TIMEOUT", 1)
     with pytest.raises(dask.SchedulerError, match=f"no Dask scheduler answers at '{address}' within 1 s"):
         results([task("a", "square", x=1)], scheduler=address)
 

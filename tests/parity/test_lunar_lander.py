@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sympol.envs.lunar_lander.batch import Flights, engines
+from sympol.envs.lunar_lander.batch import Copies, engine_power
 from sympol.envs.lunar_lander.shapes import HULL, LEG
 from sympol.envs.registry import resolve
 from sympol.trees.floats import flushed
@@ -88,14 +88,14 @@ def episode(name: str, policy: Policy, seed: int) -> dict[str, float]:
     env: Any = resolve(name).make_host()
     env.unwrapped.np_random = Dice(seed)
     theirs, rng = env.reset()[0], np.random.default_rng(seed)
-    ours = Flights(np.array([seed], np.uint64))
+    ours = Copies(np.array([seed], np.uint64))
     every = np.ones(1, bool)
     np.testing.assert_array_equal(ours.observation[0], flushed(theirs))
     total, stood = 0.0, 0
     while True:
         action = policy(theirs, rng)
         theirs, reward, terminated, truncated, _ = env.step(action)
-        moved = ours.step(engines(np.array([action])), every)
+        moved = ours.step(engine_power(np.array([action])), every)
         assert moved.reward[0] == reward
         assert (moved.terminated[0], moved.truncated[0]) == (terminated, truncated)
         total += float(reward)

@@ -177,7 +177,7 @@ def test_the_mean_of_intervals():
 
 def test_reading_records_and_tables_needs_no_scipy_and_statistics_say_what_they_need():
     code = "import sys; sys.modules['scipy'] = None; import sympol.bench.{}"
-    modules = "record, sympol.bench.tables, sympol.bench.paper"
+    modules = "record, sympol.bench.tables"
     subprocess.run([sys.executable, "-c", code.format(modules)], check=True)
     done = subprocess.run(
         [sys.executable, "-c", code.format("render")], capture_output=True, text=True, check=False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sympol.envs.lunar_lander.batch import Flights, engines
+from sympol.envs.lunar_lander.batch import Copies, engine_power
 from sympol.envs.registry import resolve
 from sympol.play import episode_seed
 from sympol.search.evaluators import make_evaluator
@@ -25,11 +25,11 @@ def test_whole_episodes_are_those_of_single_steps(name):
     played = evaluator.play(trees, episodes)
     for i, tree in enumerate(trees):
         for j, episode in enumerate(episodes):
-            flight = Flights(np.array([episode_seed(SEED, episode, "refine")], np.uint64))
+            copies = Copies(np.array([episode_seed(SEED, episode, "refine")], np.uint64))
             seen, total, over = [], 0.0, False
             while not over:
-                seen.append(flight.observation[0].copy())
-                moved = flight.step(engines(np.asarray(tree.predict(seen[-1]))[None]), every)
+                seen.append(copies.observation[0].copy())
+                moved = copies.step(engine_power(np.asarray(tree.predict(seen[-1]))[None]), every)
                 total += float(moved.reward[0])
                 over = bool(moved.terminated[0] or moved.truncated[0])
             assert played.lengths[i, j] == len(seen)
@@ -51,7 +51,7 @@ def test_threads_change_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["LunarLander-v3", "LunarLanderContinuous-v3"])
-def test_what_trees_do_alike_is_flown_once(name, monkeypatch):
+def test_what_trees_do_alike_is_simulated_once(name, monkeypatch):
     monkeypatch.setenv("PJRT_NPROC", "2")
     spec, episodes = resolve(name, backend="native"), range(90, 103)
     tree = grown(spec, 20, 20)

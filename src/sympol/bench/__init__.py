@@ -1,1 +1,1 @@
-"""Tables, statistics, searches: what is measured about many trainings."""
+"""The tables of the paper: what each needs is run, summarised, compared and written."""

@@ -1,4 +1,4 @@
-"""Which methods differ? Tests over trainings, corrected for how many are made."""
+"""Tests whether methods differ, over trainings, corrected for the number of tests."""
 
 from __future__ import annotations
 
@@ -17,24 +17,27 @@ TestName: TypeAlias = Literal["welch", "permutation"]
 
 
 class Comparison(NamedTuple):
-    """One method beside the one it is compared with."""
+    """A method compared with another one."""
 
     p: float | None
-    """Corrected for all comparisons of its family; None for the one that the others are compared with."""
+    """The p-value, corrected for all comparisons of the family; None for the method that others are compared with."""
     difference: float
-    """Of the means: its own less the other's."""
+    """The difference of the means, this method's minus the other's."""
 
     @property
     def is_different(self) -> bool:
-        """Whether the difference is more than chance would make of one method."""
+        """Whether the difference is significant at `ALPHA`."""
         return self.p is not None and self.p < ALPHA
 
 
 def welch(a: ArrayLike, b: ArrayLike) -> float:
-    """Two-sided p of Welch's t-test for equal means, over trainings; no equal variances assumed.
+    """Return the two-sided p-value of Welch's t-test for equal means, which does not assume equal variances.
 
-    A single training differs from nothing: p = 1. Where neither side has any spread there is no t, and the permutation
-    test answers.
+    Without any spread on either side there is no t, and the permutation test is used. A single training gives p = 1.
+
+    Args:
+        a: One number for each training.
+        b: The same for the other method.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if min(len(a), len(b)) < 2:
@@ -46,9 +49,14 @@ def welch(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def paired(a: ArrayLike, b: ArrayLike) -> float:
-    """Two-sided p of the paired t-test for equal means, over trainings: two measurements of the same ones.
+    """Return the two-sided p-value of the paired t-test for equal means.
 
-    Where all differ by the same there is no t, and the test of signs answers: n of n, 2 / 2^n.
+    If all pairs differ by the same there is no t, and the sign test is used: n of n, 2 / 2^n. A single pair gives
+    p = 1.
+
+    Args:
+        a: One number for each training.
+        b: Another measurement of the same trainings, in the same order.
     """
     differences = np.asarray(a, float) - np.asarray(b, float)
     n, mean = len(differences), float(differences.mean())
@@ -62,10 +70,15 @@ def paired(a: ArrayLike, b: ArrayLike) -> float:
 
 
 def permutation(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> float:
-    """Two-sided p of the permutation test for the difference of means, over trainings.
+    """Return the two-sided p-value of the permutation test for the difference of means.
 
-    Exact up to 9999 permutations, drawn beyond. Five against five can give no less than 2 / 252 = 0.008. A single
-    training differs from nothing: p = 1.
+    It is exact up to 9999 permutations, which are drawn at random beyond. Five against five can give no less than
+    2 / 252 = 0.008. A single training gives p = 1.
+
+    Args:
+        a: One number for each training.
+        b: The same for the other method.
+        seed: Seed of the random permutations.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     if min(len(a), len(b)) < 2:
@@ -93,7 +106,7 @@ TESTS: Mapping[TestName, Callable[[ArrayLike, ArrayLike], float]] = {
 
 
 def holm(ps: Sequence[float]) -> list[float]:
-    """Holm's p-values: rejecting those below α errs in any of them with a chance of at most α."""
+    """Return Holm's adjusted p-values: rejecting those below α makes any false rejection with probability at most α."""
     order = np.argsort(ps, kind="stable")
     factors = len(ps) - np.arange(len(ps))
     adjusted = np.minimum(1, np.maximum.accumulate(np.asarray(ps, float)[order] * factors))
@@ -103,9 +116,17 @@ def holm(ps: Sequence[float]) -> list[float]:
 def against(
     values: Mapping[Name, ArrayLike], one: Name, *, test: TestName = "welch"
 ) -> dict[Name, Comparison]:
-    """Every other method beside ``one``, Holm's correction over all of them.
+    """Compare every other method with ``one``, with Holm's correction over all of them.
 
-    Trees of one teacher are not independent of each other, which both tests suppose; that makes them careful.
+    Both tests suppose independent samples. Trees of one teacher are not, which makes the tests conservative.
+
+    Args:
+        values: One number for each training, by method.
+        one: The method that the others are compared with.
+        test: The test.
+
+    Returns:
+        A comparison for each method, that of ``one`` without a p-value.
     """
     others = [name for name in values if name != one]
     ps = holm([TESTS[test](values[name], values[one]) for name in others])
@@ -120,9 +141,13 @@ def against(
 def best_and_not_different(
     values: Mapping[Name, ArrayLike], *, test: TestName = "welch"
 ) -> dict[Name, Comparison]:
-    """Every method beside that with the highest mean; those that are not different from it are the paper's bold.
+    """Compare every method with that of the highest mean; the paper prints those that do not differ from it in bold.
 
-    Few trainings make many methods "not different": that is no proof of sameness.
+    With few trainings many methods do not differ, which does not prove that they are equal.
+
+    Args:
+        values: One number for each training, by method.
+        test: The test.
     """
     if not values:
         return {}

@@ -1,4 +1,4 @@
-"""From the numbers of a table to what its cells say, in words that no format has touched yet."""
+"""The text of a table's cells, before it is written in any format."""
 
 from __future__ import annotations
 
@@ -6,21 +6,30 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from ..results.number_format import given, interval, number, spread
+from ..results.formatting import Entry, Grid, as_printed, interval, number, spread
 from ..results.statistics import Interval, Moments, moments
-from ..results.table_formats import Entry, Grid
-from .methods import SHORT, VARIANT_LABELS, exists, label_of
-from .paper import MEAN, Quantity, paper_number
 from .record import Cell, Record
 from .summary import CellSummary, curve_means, mean_loss, overall, summarise
-from .tables import TIMESTEPS, Row, Table, cell_of
+from .tables import (
+    MEAN,
+    SHORT,
+    TIMESTEPS,
+    VARIANT_LABELS,
+    Quantity,
+    Row,
+    Table,
+    cell_of,
+    exists,
+    label_of,
+    paper_number,
+)
 
 NOT_RUN = "not run"
 IMPOSSIBLE = "—"
 
 
 def grids(table: Table, records: Mapping[Cell, Record]) -> list[Grid]:
-    """What the table shows of the records."""
+    """Return the grids of a table, filled from records."""
     summaries = summarise(table, records)
     match table.kind:
         case "returns":
@@ -40,10 +49,10 @@ def grids(table: Table, records: Mapping[Cell, Record]) -> list[Grid]:
 
 
 def name_of(table: Table, row: Row) -> str:
-    """A row's name; where there is more than one algorithm, with that."""
+    """Return a row's name, which ends with its algorithm if the table has more than one."""
     several = len({row.algo for row in table.rows}) > 1
     if row.variant in VARIANT_LABELS and len({row.method for row in table.rows}) == 1:
-        return VARIANT_LABELS[row.variant]  # what all have in common the first row says
+        return VARIANT_LABELS[row.variant]  # the first row names what all have in common
     return label_of(cell_of(row, "")) + (f", {row.algo.upper()}" if several else "")
 
 
@@ -82,7 +91,11 @@ def _return(cell: Cell, summary: CellSummary | None, places: int) -> Entry:
 
 def _before_and_after(cell: Cell, summary: CellSummary | None, places: int) -> Entry:
     before, after = paper_number("validation", cell), paper_number("return", cell)
-    paper = f"paper {given(before)} → {given(after)}" if before is not None and after is not None else ""
+    paper = (
+        f"paper {as_printed(before)} → {as_printed(after)}"
+        if before is not None and after is not None
+        else ""
+    )
     if summary is None:
         return Entry(NOT_RUN, paper)
     validation = spread(summary.validation, places) if summary.validation else "not validated"
@@ -133,7 +146,7 @@ def _overall(table: Table, records: Mapping[Cell, Record]) -> Grid:
 def _with_mean(
     table: Table, summaries: Mapping[Cell, CellSummary], quantity: Quantity, averaged: tuple[str, ...]
 ) -> Grid:
-    """A grid of nodes or seconds with the mean of environments' means behind it, if there are any to average."""
+    """Return a grid of nodes or seconds, and a column of means over the ``averaged`` environments, if any."""
 
     def show(cell: Cell, summary: CellSummary | None, places: int) -> Entry:
         measured: Moments | None = getattr(summary, quantity, None)
@@ -156,7 +169,7 @@ def _with_mean(
 
 
 def _ratios(table: Table, records: Mapping[Cell, Record]) -> Grid:
-    """How much longer each row took than the last one of its variant, seed by seed: those were trained in turns."""
+    """Return the ratios of each row's seconds to those of the last row of its variant, seed by seed."""
     last, rows = {row.variant: row for row in table.rows}, []
     for row in table.rows:
         entries, base = [], last[row.variant]
@@ -189,7 +202,7 @@ def _area(cell: Cell, summary: CellSummary | None, places: int) -> Entry:
 
 
 def _places(summaries: Mapping[Cell, CellSummary], env: str) -> int:
-    """Decimals of an environment's returns: three where all are below 10."""
+    """Return the number of decimals of an environment's returns: three if all are below 10."""
     means = [abs(summary.test.mean) for cell, summary in summaries.items() if cell.environment == env]
     return 3 if means and max(means) < 10 else 1
 
@@ -201,7 +214,7 @@ def _trainings(record: Record) -> str:
 
 def _paper(quantity: Quantity, cell: Cell) -> str:
     value = paper_number(quantity, cell)
-    return "" if value is None else f"paper {given(value)}"
+    return "" if value is None else f"paper {as_printed(value)}"
 
 
 def _joined(*parts: str) -> str:
@@ -209,6 +222,6 @@ def _joined(*parts: str) -> str:
 
 
 def not_run(table: Table, records: Iterable[Cell]) -> list[Cell]:
-    """The cells of a table that have no record."""
+    """Return the cells of a table that have no record."""
     there = {*records}
     return [cell for cell in table.cells() if cell not in there]

@@ -1,125 +1,180 @@
-"""What stands in the rows and columns of the tables: methods, variants, environments."""
+"""How the policy of a method is made: trained, distilled from a teacher, or returned by a function of the user's.
+
+`tables` names the methods; this module knows the agents and distillers behind them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+import importlib
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from typing import Any, NamedTuple, TypeAlias
 
-from .record import Cell, Record
+from ..agents import Agent, agent_class
+from ..algorithms.config import Config
+from ..distill import METHODS as DISTILLERS
+from ..envs.registry import resolve
+from ..envs.spec import EnvSpec
+from ..parallel.task import import_function
+from ..results.json_io import plain
+from ..trees.actions import BoxActions
+from .record import Cell
+from .tables import METHODS, VARIANTS, Method
 
-CONTROL = ("CartPole-v1", "Acrobot-v1", "LunarLander-v3", "MountainCarContinuous-v0", "Pendulum-v1")
-MINIGRID = (
-    "MiniGrid-Empty-Random-6x6-v0",
-    "MiniGrid-DoorKey-5x5-v0",
-    "MiniGrid-LavaGapS5-v0",
-    "MiniGrid-LavaGapS7-v0",
-    "MiniGrid-DistShift1-v0",
-)
-_SHORT = ("CP", "AB", "LL", "MC-C", "PD-C", "E-R", "DK", "LG-5", "LG-7", "DS")
-SHORT: Mapping[str, str] = dict(zip((*CONTROL, *MINIGRID), _SHORT, strict=True))
-"""The paper's abbreviations."""
-CONTINUOUS = frozenset({"MountainCarContinuous-v0", "Pendulum-v1"})
-"""Environments of the tables whose actions are continuous."""
-
-
-class Method(NamedTuple):
-    """How a cell of a method is made."""
-
-    label: str
-    policy: Literal["tree", "mlp", "sdt"]
-    """What is trained (`Config.policy`): for a post-hoc tree its teacher."""
-    teacher: str | None = None
-    """The method whose trainings a post-hoc tree is made from."""
-    preset: str = "default"
-    depth: int | None = None
-    """Of a distilled tree."""
-    is_tree: bool = True
-    """Whether what acts in the end is a hard tree: interpretable, in the paper's words."""
-    discrete_only: bool = False
+Make: TypeAlias = Callable[..., Any]
+"""``make(spec, seed=, total_timesteps=, folder=)`` returns a policy: a `DecisionTree`, anything with an agent's
+``act``, or a function from flat observations ``[batch, features]`` to actions."""
 
 
-METHODS: Mapping[str, Method] = {
-    "tree": Method("SYMPOL", "tree"),
-    "d-sdt": Method("D-SDT", "sdt", "sdt"),
-    "sa-dt-5": Method("SA-DT (d=5)", "mlp", "mlp", depth=5),
-    "sa-dt-8": Method("SA-DT (d=8)", "mlp", "mlp", depth=8),
-    "viper-5": Method("VIPER (d=5)", "mlp", "mlp", depth=5, discrete_only=True),
-    "viper-8": Method("VIPER (d=8)", "mlp", "mlp", depth=8, discrete_only=True),
-    "dagger-5": Method("DAgger (d=5)", "mlp", "mlp", depth=5),
-    "dagger-8": Method("DAgger (d=8)", "mlp", "mlp", depth=8),
-    "mlp": Method("MLP", "mlp", is_tree=False),
-    "sdt": Method("SDT", "sdt", is_tree=False),
-    "tree-paper": Method("SYMPOL, paper's settings", "tree", preset="paper"),
-    "mlp-paper": Method("MLP, paper's settings", "mlp", preset="paper", is_tree=False),
-    "sdt-paper": Method("SDT, paper's settings", "sdt", preset="paper", is_tree=False),
-}
-"""By slug. A slug that is not here is shown as it is."""
+class Settings(NamedTuple):
+    """What all cells of a call of the bench have in common."""
 
-_ALIKE = {
-    # the paper aligned "step and batch size", so that what is compared is the policies
-    "num_envs": 8,
-    "num_steps": 512,
-    "minibatch_size": 64,
-    "num_epochs": 7,
-    "dynamic_rollout": True,
-    "dynamic_batch": True,
-}
-VARIANTS: Mapping[str, Mapping[str, Any]] = {
-    "tree-critic": {"critic": "tree"},
-    "static-rollout": {"dynamic_rollout": False},
-    "static-batch": {"dynamic_batch": False},
-    "adam": {"weight_decay": 0.0},
-    "softsign": {"surrogate": "softsign"},
-    "temperature-0.5": {"temperature": 0.5},
-    "temperature-2": {"temperature": 2.0},
-    "decay-1e-3": {"weight_decay": 1e-3},
-    "growth-16": {"growth": 16},
-    "depth-5": {"depth": 5},
-    "depth-9": {"depth": 9},
-    "runtime": _ALIKE,
-    # the paper's critics are not of one size, and the critic is most of the work
-    "runtime-critic": {**_ALIKE, "critic_hidden": (256, 256)},
-}
-"""What each variant changes of its method's preset, as fields of `algos.config.Config`."""
-
-VARIANT_LABELS: Mapping[str, str] = {
-    "tree-critic": "w/o separate architecture",
-    "static-rollout": "w/o dynamic rollout",
-    "static-batch": "w/o batch size adjustment",
-    "adam": "w/o AdamW",
-    "softsign": "softsign for the logistic function",
-    "temperature-0.5": "surrogate temperature 0.5",
-    "temperature-2": "surrogate temperature 2",
-    "decay-1e-3": "weight decay 0.001",
-    "growth-16": "growth stops at 16-fold",
-    "depth-5": "depth 5",
-    "depth-9": "depth 9",
-    "runtime": "",
-    "runtime-critic": "critics alike",
-}
-"""What a row is called beside its method; a variant that is not here is shown by its name."""
-PAPERS_VARIANTS = ("tree-critic", "static-rollout", "static-batch", "adam")
-RUNTIME_VARIANTS = ("runtime", "runtime-critic")
-"""Their trainings of one seed take turns, so that what else the machine does meets all."""
-OUR_VARIANTS = tuple(name for name in VARIANTS if name not in (*PAPERS_VARIANTS, *RUNTIME_VARIANTS))
+    total_timesteps: int
+    """Environment steps of each training."""
+    episodes: int
+    """Test episodes of each training, and as many for validation."""
 
 
-def known(method: str) -> Method:
-    """The method of a slug; of an unknown one only its label is."""
-    return METHODS.get(method, Method(method, "mlp", is_tree=False))
+_REGISTERED: dict[str, str] = {}
+"""The function of each registered method, as ``"module:function"``."""
 
 
-def label_of(cell: Cell) -> str:
-    """What a cell's row is called."""
-    variant = VARIANT_LABELS.get(cell.variant, cell.variant)
-    return f"{known(cell.method).label}, {variant}" if variant else known(cell.method).label
+def register_method(name: str, make: Make | str) -> None:
+    """Add a method of your own to those of the tables.
+
+    Args:
+        name: Its name, in lower case: ``sympol bench control-ppo --methods tree NAME``.
+        make: The function (see `Make`), or ``"module:function"``. Workers import it from there.
+
+    Raises:
+        ValueError: The name is that of a method of the tables or has other characters, or no other process can import
+            the function.
+    """
+    where = make if isinstance(make, str) else f"{make.__module__}:{make.__qualname__}"
+    import_function(where)
+    if name in METHODS:
+        raise ValueError(f"{name} is a method of the tables already; call yours something else")
+    if not name or name.strip("abcdefghijklmnopqrstuvwxyz0123456789._+-") or not name[0].isalnum():
+        raise ValueError(f"a method's name must be of small letters, digits and '._+-', got {name!r}")
+    _REGISTERED[name] = where
 
 
-def exists(cell: Cell) -> bool:
-    """Whether the method is defined on the environment at all."""
-    return not (known(cell.method).discrete_only and cell.environment in CONTINUOUS)
+def registered(name: str) -> str | None:
+    """Return the function of a registered method as ``"module:function"``; None for a method of the tables."""
+    return _REGISTERED.get(name)
 
 
-def is_tree(record: Record) -> bool:
-    """Whether a hard tree acted: a method that is not known is asked for its nodes."""
-    return METHODS[record.method].is_tree if record.method in METHODS else record.nodes is not None
+def method_of(name: str) -> Method:
+    """Return the method of a name.
+
+    Raises:
+        ValueError: There is no such method; the message names all.
+    """
+    if name in _REGISTERED:
+        return Method(name, "mlp", is_tree=False)
+    found = METHODS.get(name)
+    if found is None:
+        raise ValueError(
+            f"unknown method {name!r}; there are {', '.join([*METHODS, *_REGISTERED])}; one of your own is given "
+            "as NAME=MODULE:FUNCTION"
+        )
+    return found
+
+
+def teacher_cell(cell: Cell) -> Cell | None:
+    """Return the cell whose trainings are the teachers of this one's trees, or None."""
+    teacher = None if cell.method in _REGISTERED else method_of(cell.method).teacher
+    return None if teacher is None else cell._replace(method=teacher)
+
+
+def applies(cell: Cell) -> bool:
+    """Return whether a cell's method is defined on its environment, whichever it is."""
+    continuous = isinstance(environment(cell.environment).actions, BoxActions)
+    return not (method_of(cell.method).discrete_only and continuous)
+
+
+@cache
+def environment(name: str) -> EnvSpec:
+    """Return the environment of a cell, which must have a form in Gymnasium to be tested on.
+
+    Raises:
+        ValueError: It is unknown, or has no such form.
+    """
+    spec = resolve(name)
+    if spec.make_host is None:
+        raise ValueError(
+            f"{name} is written in JAX and has no form in Gymnasium, which tests are played on; give one: "
+            "sympol.register(..., host=...)"
+        )
+    return spec
+
+
+def import_all(modules: Iterable[str]) -> None:
+    """Import modules that register environments and methods.
+
+    Raises:
+        ValueError: A module cannot be imported; the message names it.
+    """
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise ValueError(f"cannot import {module!r}: {error}; is it on PYTHONPATH?") from error
+
+
+def agent_for(cell: Cell, seed: int, total_timesteps: int) -> Agent:
+    """Return the agent of a cell whose method is trained, before its training.
+
+    Args:
+        cell: The cell.
+        seed: Seed of the training.
+        total_timesteps: Environment steps of the training.
+
+    Raises:
+        ValueError: The variant is unknown, or does not fit the method.
+    """
+    method = method_of(cell.method)
+    if cell.variant and cell.variant not in VARIANTS:
+        raise ValueError(f"unknown variant {cell.variant!r}; there are {', '.join(VARIANTS)}")
+    overrides = {**VARIANTS.get(cell.variant, {}), "total_timesteps": total_timesteps}
+    spec = environment(cell.environment)
+    return agent_class(cell.algo)(method.policy, spec, seed=seed, preset=method.preset, **overrides)
+
+
+def config_of(cell: Cell, settings: Settings) -> dict[str, Any]:
+    """Return everything that decides a cell's numbers, except for its seeds: `Record.config`."""
+    config: dict[str, Any] = {"episodes": settings.episodes}
+    if (where := registered(cell.method)) is not None:
+        if cell.variant:
+            raise ValueError(
+                f"{cell.method} is made by {where}, which knows no variants, got {cell.variant!r}"
+            )
+        return {**config, "make": where, "training": {"total_timesteps": settings.total_timesteps}}
+    if (teacher := teacher_cell(cell)) is not None:
+        return {**config_of(teacher, settings), "distill": distill_options(cell.method)}
+    agent = agent_for(cell, 0, settings.total_timesteps)
+    return {**config, "preset": agent.preset, "training": agent.config.to_dict()}
+
+
+def distill_options(name: str) -> dict[str, Any]:
+    """Return how a method makes a tree from its teacher: the arguments of `sympol.distill.distill`, or discretising."""
+    depth = method_of(name).depth
+    if depth is None:
+        return {"method": "discretize"}
+    distiller = name.rsplit("-", 1)[0]
+    parameters = inspect.signature(DISTILLERS[distiller]).parameters.items()
+    options = {key: of.default for key, of in parameters if isinstance(of.default, int) and key != "seed"}
+    return {"method": distiller, **options, "depth": depth}
+
+
+def same_config(was: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Return whether two configs are equal. Fields that an older version did not have count as their defaults."""
+    return _filled(was) == _filled(now)
+
+
+def _filled(config: Mapping[str, Any]) -> dict[str, Any]:
+    training = config.get("training", {})
+    which = {name: training[name] for name in ("policy", "algorithm") if name in training}
+    defaults = Config(**which).to_dict() if which else {}
+    return plain({**config, "training": {**defaults, **training}})

@@ -1,4 +1,4 @@
-"""What a bench has to do: which cells were asked for, and what each of them lacks."""
+"""The work of the bench: the cells that are selected, the trainings that each lacks, and their tasks for workers."""
 
 from __future__ import annotations
 
@@ -7,35 +7,152 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from .jobs import Unit, jobs_of
-from .method_specs import Settings, applies, config_of, environment, method_of, same_config
+from .. import files
+from ..bounded import parse_json
+from ..parallel import Task
+from ..results.seeds import require_training_seed
+from ..runs.metadata import file_name
+from .methods import (
+    Settings,
+    applies,
+    config_of,
+    environment,
+    import_all,
+    method_of,
+    register_method,
+    registered,
+    same_config,
+    teacher_cell,
+)
 from .record import Cell, Record, RecordError
-from .tables import TABLES, Row, Table
+from .tables import RUNTIME_VARIANTS, TABLES, Row, Table
 
 ALL = "all"
 PLAIN = "plain"
-"""Asks for the rows of a table that have no variant."""
+"""Selects the rows of a table that have no variant."""
+RESULT = "bench.json"
+"""The file with a unit's result, in its folder."""
+
+Result: TypeAlias = dict[str, Any]
+"""The returns of a unit and everything else that `record_of` needs."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One training of a cell, or one tree made from a training."""
+
+    cell: Cell
+    seed: int
+    settings: Settings
+    runs: Path
+    """The folder of all units, absolute."""
+
+    @property
+    def name(self) -> str:
+        """The name in progress and errors."""
+        return f"{self.cell.environment} {'-'.join(filter(None, self.cell[1:]))} seed {self.seed}"
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the unit's run."""
+        cell = "-".join(filter(None, self.cell[1:]))
+        return self.runs / file_name(self.cell.environment) / cell / f"seed-{self.seed}"
+
+    @property
+    def teacher(self) -> Unit | None:
+        """The training that a tree is made from; None for a unit that trains."""
+        cell = teacher_cell(self.cell)
+        return None if cell is None else Unit(cell, self.seed, self.settings, self.runs)
+
+    def result(self) -> Result | None:
+        """Return the result if there is one with the config of today, else None."""
+        try:
+            result = parse_json(files.read_text(self.folder / RESULT), "it", strict=False)
+            return result if same_config(result["config"], config_of(self.cell, self.settings)) else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None  # there is none, or a damaged one: it is made again
+
+
+def jobs_of(units: Iterable[Unit]) -> list[list[Unit]]:
+    """Group units into jobs: most alone, and those that take turns together."""
+    jobs: dict[Any, list[Unit]] = {}
+    for unit in units:
+        is_alone = (
+            unit.cell.variant not in RUNTIME_VARIANTS
+            or unit.teacher is not None
+            or registered(unit.cell.method)
+        )
+        key = unit if is_alone else (unit.cell._replace(method=""), unit.seed)
+        jobs.setdefault(key, []).append(unit)
+    return list(jobs.values())
+
+
+def task_of(job: Sequence[Unit], modules: Sequence[str] = ()) -> Task:
+    """Return a job as a task for a worker.
+
+    Args:
+        job: One unit, or several that are trained together and differ only in their methods.
+        modules: Modules that register environments or methods; the worker imports them.
+    """
+    first = job[0]
+    cells = [unit.cell for unit in job]
+    arguments = {
+        "cells": [list(cell) for cell in cells],
+        "seed": first.seed,
+        "settings": list(first.settings),
+        "runs": str(first.runs),
+        "modules": list(modules),
+        "makes": {cell.method: where for cell in cells if (where := registered(cell.method)) is not None},
+    }
+    if len(job) == 1:
+        return Task(first.name, "sympol.bench.worker:run_unit", arguments)
+    methods = " ".join(cell.method for cell in cells)
+    name = f"{first.cell.environment} {first.cell.algo} {methods} in turns, seed {first.seed}"
+    return Task(name, "sympol.bench.worker:run_together", arguments)
+
+
+def units_of(
+    cells: Sequence[Sequence[str]],
+    seed: int,
+    settings: Sequence[int],
+    runs: str,
+    modules: Sequence[str],
+    makes: Mapping[str, str],
+) -> list[Unit]:
+    """Return the units of a task in its worker, after registering there what the parent has registered.
+
+    The arguments are those that `task_of` puts into a task.
+    """
+    import_all(modules)
+    for name, where in makes.items():
+        register_method(name, where)
+    seed = require_training_seed(seed)
+    return [Unit(Cell(*cell), seed, Settings(*settings), Path(runs)) for cell in cells]
 
 
 @dataclass(frozen=True)
 class CellPlan:
-    """A cell that was asked for."""
+    """A selected cell and what it lacks."""
 
     cell: Cell
     config: Mapping[str, Any]
-    """What it is to be made with."""
+    """The config that the cell must have."""
     record: Record | None
-    """What there is of it, if that was made so."""
+    """The record that exists with this config, if any."""
     units: tuple[Unit, ...]
-    """What is to be done for it; nothing if it is finished."""
-    was: str
-    """What there is of it, in words."""
+    """The units to run; none if the cell is finished."""
+    status: str
+    """The state of the cell, for people."""
 
 
 def tables_of(name: str) -> tuple[Table, ...]:
-    """The table of a name, or all. Raises ValueError, naming them."""
+    """Return the table of a name, or all tables for `ALL`.
+
+    Raises:
+        ValueError: There is no such table; the message names all.
+    """
     if name == ALL:
         return tuple(TABLES.values())
     if name not in TABLES:
@@ -46,10 +163,16 @@ def tables_of(name: str) -> tuple[Table, ...]:
 def selected(
     table: Table, environments: Sequence[str] = (), methods: Sequence[str] = (), variants: Sequence[str] = ()
 ) -> Table:
-    """The part of a table that was asked for; what it does not have is added to it.
+    """Return the selected part of a table, extended by what the table does not have.
+
+    Args:
+        table: The table.
+        environments: Names of environments; by default those of the table.
+        methods: Names of methods; by default those of the table.
+        variants: Names of variants, or `PLAIN`; by default those of the table.
 
     Raises:
-        ValueError: an unknown method or variant.
+        ValueError: A method is unknown.
     """
     algos = dict.fromkeys(row.algo for row in table.rows)
     rows = [row for row in table.rows if not methods or row.method in methods]
@@ -67,7 +190,7 @@ def selected(
 
 
 def cells_of(tables: Iterable[Table]) -> list[Cell]:
-    """All cells of some tables that can be, each once."""
+    """Return all cells of some tables that can exist, each once."""
     cells = dict.fromkeys(cell for table in tables for cell in table.cells())
     for name in dict.fromkeys(cell.environment for cell in cells):
         environment(name)
@@ -81,10 +204,17 @@ def plan_cells(
     seeds: Sequence[int],
     runs: Path,
 ) -> list[CellPlan]:
-    """What some cells lack. Of those that are trained in turns, what one lacks is done for all.
+    """Plan what some cells lack. If one of several cells that are trained in turns lacks a seed, all run it.
+
+    Args:
+        cells: The cells.
+        records: The records that exist.
+        settings: Lengths of trainings and numbers of episodes.
+        seeds: Seeds of the trainings of each cell.
+        runs: The folder of all runs.
 
     Raises:
-        RecordError: what there is would be replaced by less.
+        RecordError: A record would be replaced by a smaller one.
     """
     plans = [plan_cell(cell, records.get(cell), settings, seeds, runs) for cell in cells]
     for group in jobs_of(Unit(plan.cell, 0, settings, runs) for plan in plans):
@@ -99,37 +229,34 @@ def plan_cells(
 def plan_cell(
     cell: Cell, record: Record | None, settings: Settings, seeds: Sequence[int], runs: Path
 ) -> CellPlan:
-    """What one cell lacks."""
+    """Plan what one cell lacks; see `plan_cells`."""
     config = config_of(cell, settings)
     if record is None:
-        kept, missing, was = None, seeds, "not run"
+        current, missing, status = None, seeds, "not run"
     elif same_config(record.config, config):
-        kept, missing = record, record.missing(seeds)
-        was = f"{len(record.seeds)} trainings"
+        current, missing = record, record.missing(seeds)
+        status = f"{len(record.seeds)} trainings"
     else:
         _require_no_less(record, settings, len(seeds))
-        kept, missing, was = None, seeds, f"changed: {', '.join(changes(record.config, config))}"
-    return CellPlan(cell, config, kept, tuple(Unit(cell, seed, settings, runs) for seed in missing), was)
+        current, missing = None, seeds
+        status = f"changed: {', '.join(changes(record.config, config))}"
+    units = tuple(Unit(cell, seed, settings, runs) for seed in missing)
+    return CellPlan(cell, config, current, units, status)
 
 
 def changes(was: Mapping[str, Any], now: Mapping[str, Any], name: str = "") -> list[str]:
-    """What differs between two configs, each as ``name 1 → 2``."""
+    """Return the differences between two configs, each as ``name 1 → 2``."""
     if isinstance(was, Mapping) and isinstance(now, Mapping):
         found = []
         for key in dict.fromkeys([*was, *now]):
-            if not same_part(was.get(key), now.get(key)):
+            if not same_config({"part": was.get(key)}, {"part": now.get(key)}):  # alike once they are JSON
                 found += changes(was.get(key, "nothing"), now.get(key, "nothing"), f"{name}{key}.")
         return found
     return [f"{name.rstrip('.')} {was} → {now}"]
 
 
-def same_part(was: Any, now: Any) -> bool:
-    """Whether two parts of configs are alike once they are written as JSON."""
-    return same_config({"part": was}, {"part": now})
-
-
 def _require_no_less(record: Record, settings: Settings, trainings: int) -> None:
-    """A bench that is only tried out must not replace one that took hours."""
+    """Refuse to replace a record that took hours by one of a bench that is only tried out."""
     was = (record.total_timesteps, len(record.returns[0]), len(record.seeds))
     now = (settings.total_timesteps, settings.episodes, trainings)
     if any(n < w for n, w in zip(now, was, strict=True)):

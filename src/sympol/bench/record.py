@@ -1,6 +1,6 @@
-"""A finished cell of a table, as a small file of JSON: what some trainings of one method earned on one environment.
+"""Records: a finished cell of a table as a small JSON file, with the returns of some trainings of one method.
 
-Everything that reads results reads these, and nothing else: tables, plots and tests are functions of records.
+Tables, plots and tests are functions of records and of nothing else.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ Returns: TypeAlias = tuple[tuple[float, ...], ...]
 """Undiscounted returns ``[trainings, episodes]``."""
 
 _DIGITS = 7
-"""Significant digits that a file has of what was measured: those of float32."""
+"""The significant digits of measured numbers in a file: those of float32."""
 _MEASURED = ("returns", "validation_returns", "sampled_returns", "curves", "seconds")
 _SLUG = re.compile(r"[a-z0-9][a-z0-9._+-]*")
 _ENVIRONMENT = re.compile(r"\w[\w.:-]*(/\w[\w.:-]*)?")
 
 
 class RecordError(ValueError):
-    """A record that says something impossible; the message names the value, the rule and the remedy."""
+    """A record with an impossible value; the message names the value, the rule and the remedy."""
 
 
 class Cell(NamedTuple):
-    """Which cell of a table: unique among records."""
+    """The identity of a cell of a table, unique among records."""
 
     environment: str
     algo: str
@@ -45,41 +45,41 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Record:
-    """One cell. What is per training is in the order of ``seeds``; fewer seeds than wanted make a partial cell."""
+    """The results of one cell. Values of trainings are in the order of ``seeds``; too few seeds make a partial cell."""
 
     environment: str
     algo: Literal["ppo", "a2c"]
     method: str
-    """A slug: "tree", "mlp", "sa-dt-5", or your own."""
+    """The method's name: "tree", "mlp", "sa-dt-5", or your own."""
     total_timesteps: int
     """Environment steps of each training."""
     seeds: tuple[int, ...]
     """Seeds of the trainings, of `seeds.TRAINING`."""
     returns: Returns
-    """Of the test episodes, ``[trainings, episodes]``, played deterministically on Gymnasium."""
+    """Returns of test episodes, ``[trainings, episodes]``, played deterministically on Gymnasium."""
     variant: str = ""
-    """Of an ablation (`tables.VARIANTS`), or nothing."""
+    """The variant (`tables.VARIANTS`) of an ablation, or nothing."""
     validation_returns: Returns | None = None
-    """Of the policy that was trained (for a post-hoc tree its teacher), played deterministically on Gymnasium, on
-    validation episodes by which nothing was selected, ``[trainings, episodes]``."""
+    """Returns of the policy that was trained, for a post-hoc tree its teacher, ``[trainings, episodes]``. They are of
+    validation episodes that selected nothing, played deterministically on Gymnasium."""
     sampled_returns: Returns | None = None
-    """Of test episodes in which actions are sampled, ``[trainings, episodes]``."""
+    """Returns of test episodes with sampled actions, ``[trainings, episodes]``."""
     nodes: tuple[int, ...] | None = None
-    """Of each training's tree after pruning, inner nodes and leaves."""
+    """Inner nodes and leaves of each training's tree after pruning."""
     curves: tuple[dict[str, list[float]], ...] | None = None
-    """Of each training its validations: "timesteps" and mean "returns"."""
+    """Each training's validations: "timesteps" and mean "returns"."""
     seconds: tuple[float, ...] | None = None
-    """Each training took, without compiling; ``extra["load"]`` says what else the machine did."""
+    """Seconds that each training took, without compiling; ``extra["load"]`` is the load of the machine."""
     config: dict[str, Any] = field(default_factory=dict)
-    """What the cell was made with. Another config makes it stale (`is_current`)."""
+    """Everything that decides the numbers but the seeds. With another config the record is stale (`is_current`)."""
     versions: dict[str, Any] = field(default_factory=dict)
     commit: str = ""
     date: str = ""
-    """When it was finished, in ISO 8601."""
+    """The time at which the cell was finished, in ISO 8601."""
     extra: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Bring plain values into shape and check them; raises RecordError."""
+        """Convert plain values and check them; raises RecordError."""
         _check_names(self)
         shaped: dict[str, Any] = {"seeds": _seeds(self.seeds)}
         for name in ("returns", "validation_returns", "sampled_returns"):
@@ -94,24 +94,28 @@ class Record:
 
     @property
     def cell(self) -> Cell:
-        """Which cell it is."""
+        """The cell of the record."""
         return Cell(self.environment, self.algo, self.method, self.variant)
 
     def missing(self, seeds: Iterable[int]) -> tuple[int, ...]:
-        """Those of the wanted ``seeds`` that it lacks."""
+        """Return the ``seeds`` that the record lacks."""
         return tuple(seed for seed in seeds if seed not in self.seeds)
 
     def is_current(self, config: Mapping[str, Any]) -> bool:
-        """Whether it was made with this config."""
+        """Return whether the record was made with this config."""
         return self.config == plain(config)
 
     def path(self, root: Path) -> Path:
-        """Where it lies below the folder of the repository, or whatever else holds ``results/``."""
+        """Return the record's path below ``root``, the repository or another folder that holds ``results/``."""
         parts = (self.algo, self.method, *([self.variant] if self.variant else []))
         return cells_folder(root) / self.environment.replace("/", "_") / f"{'-'.join(parts)}.json"
 
     def save(self, root: Path) -> Path:
-        """Write it, all at once; an older one of the same cell is replaced."""
+        """Write the record atomically, replacing an older one of the same cell, and return its path.
+
+        Raises:
+            RecordError: The path holds a record of another cell.
+        """
         path = self.path(root)
         if path.exists() and (there := load(path).cell) != self.cell:
             raise RecordError(
@@ -134,7 +138,11 @@ def results_folder(root: Path) -> Path:
 
 
 def load(path: Path) -> Record:
-    """Read one record. Raises RecordError, with the file's name, where it is not one."""
+    """Read one record.
+
+    Raises:
+        RecordError: The file is not a record; the message names it.
+    """
     try:
         values = parse_json(files.read_text(path), "it")
         known = [entry.name for entry in dataclasses.fields(Record)]
@@ -148,7 +156,11 @@ def load(path: Path) -> Record:
 
 
 def load_all(root: Path) -> list[Record]:
-    """Read all records below ``root``, in the order of their files. A file in the wrong place is an error."""
+    """Read all records below ``root``, in the order of their paths.
+
+    Raises:
+        RecordError: A file is not a record, or is in the wrong place.
+    """
     records = []
     for path in sorted(cells_folder(root).glob("*/*.json")):
         record = load(path)
@@ -161,9 +173,9 @@ def load_all(root: Path) -> list[Record]:
 
 
 def to_json(record: Record) -> str:
-    """Return JSON with a line for each training, so that a change shows where it is.
+    """Return JSON with a line for each training, so that a version control system shows which one changed.
 
-    What was measured is rounded to 7 significant digits; the config is exact.
+    Measured numbers are rounded to 7 significant digits; the config is exact.
     """
     fields = {entry.name: getattr(record, entry.name) for entry in dataclasses.fields(Record)}
     return dumps(

@@ -1,4 +1,4 @@
-"""Tables as files: Markdown, LaTeX, CSV and plots, made of records and of nothing else."""
+"""Tables as files: Markdown, LaTeX, CSV and plots, made from records alone."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import files
-from ..results.number_format import count
+from ..results.formatting import count, latex, markdown
 from ..results.statistics import Moments, mean_interval, training_means
-from ..results.table_formats import latex, markdown
 from .comparisons import paired
 from .grids import grids, not_run
-from .methods import SHORT, exists, is_tree
-from .paper import paper_number
 from .record import Cell, Record
 from .summary import CellSummary, by_cell, summarise
-from .tables import TABLES, Table
+from .tables import SHORT, TABLES, Table, exists, is_tree, paper_number
 
 UNITS = (
     "mean ± standard deviation over n trainings; a training is its mean undiscounted return over its test episodes, "
@@ -73,7 +70,7 @@ def write_docs(
 
 
 def section(table: Table, records: Mapping[Cell, Record], images: Iterable[str] = ()) -> str:
-    """Return a table in Markdown: its grids, plots, where it comes from, and what was not run."""
+    """Return a table in Markdown: its grids and plots, their provenance, and the cells that were not run."""
     parts = [markdown(grid) for grid in grids(table, records)]
     parts += [
         f"![{table.title}: {Path(image).stem.removeprefix(table.name + '-')}]({image})" for image in images
@@ -91,7 +88,7 @@ def to_latex(table: Table, records: Mapping[Cell, Record]) -> str:
 
 
 def provenance(records: Iterable[Record]) -> str:
-    """Return what some records have in common, and where they differ the range: trainings, seeds, commits, dates."""
+    """Return one line with the trainings, seeds, commits and dates of some records; ranges where they differ."""
     records = list(records)
     if not records:
         return "Nothing of it has been run yet."
@@ -109,7 +106,7 @@ def provenance(records: Iterable[Record]) -> str:
 
 
 def to_csv(table: Table, records: Mapping[Cell, Record]) -> str:
-    """Return a line for each cell with all its statistics; what was not measured is empty."""
+    """Return CSV with a line for each cell and all its statistics; a column that was not measured is empty."""
     summaries = summarise(table, records)
     lines = [_line(table, cell, summaries.get(cell)) for cell in table.cells()]
     out = io.StringIO()

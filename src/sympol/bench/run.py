@@ -1,200 +1,203 @@
-"""From nothing to a training's returns: trained, or made of what was trained, then played and kept."""
+"""Run what cells lack, and write the record of each."""
 
 from __future__ import annotations
 
-import json
-import os
-import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from .. import files
-from ..agents import Agent
-from ..distill import distill
-from ..parallel.task import resolve
-from ..play import Episodes, Purpose, play
-from ..provenance import versions
-from ..results.json_io import plain
-from ..runs.lock import one_at_a_time
-from ..runs.metadata import RunError
-from ..runs.run import Run
-from ..teachers import discretize_agent, teacher_of
-from ..training import finish, has_run, resume_agent, save_into, training_seconds
-from ..trees import DecisionTree
-from .jobs import RESULT, Result, Unit, units_of
-from .method_specs import agent_for, config_of, distilling, environment, own
+from ..parallel import Failure, Task, TasksFailed, run_tasks
+from ..provenance import commit
+from ..runs.lock import exclusive
+from .methods import same_config
+from .plan import CellPlan, Result, Unit, jobs_of, task_of
+from .record import Cell, Record
 
-EPISODES = 1_000_000
-"""Added to the seed of a training, the seed of its episodes here. Each training has episodes of its own, so that
-trainings stay independent, and all methods have the same ones. Distillation selects with seeds below this one."""
+CHANGED = "presets or sources changed during the run, and with them its config; run the bench again"
 
 
-def run_unit(**arguments: Any) -> list[Result]:
-    """Train or make, play, keep (`task_of`); what is finished already is only read."""
-    (unit,) = units_of(**arguments)
-    with one_at_a_time(unit.folder):
-        result = unit.result()
-        return [_run(unit) if result is None else result]
+@dataclass
+class Results:
+    """The results of units so far, which become the records of their cells."""
+
+    root: Path
+    plans: Sequence[CellPlan]
+    on_record: Callable[[Record, Path], None]
+    results: dict[Cell, dict[int, Result]] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+    """Units that finished with another config than planned."""
+
+    def add(self, unit: Unit, result: Result) -> None:
+        """Add a unit's result, and write its cell's record if it was the last one.
+
+        The result of a teacher that is trained only for its trees is in no plan and is ignored.
+        """
+        for plan in self.plans:
+            if unit not in plan.units:
+                continue
+            if same_config(result["config"], plan.config):
+                done = self.results.setdefault(unit.cell, {})
+                done[unit.seed] = result
+                if all(unit.seed in done for unit in plan.units):
+                    self.write(plan)
+            else:
+                self.failures.append(Failure(task_of([unit]), CHANGED, ""))
+
+    def add_finished(self, job: Sequence[Unit]) -> bool:
+        """Add the results that all units of a job have in their folders, if they do, and return whether they do."""
+        results = [unit.result() for unit in job]
+        if any(result is None for result in results):
+            return False
+        for unit, result in zip(job, results, strict=True):
+            self.add(unit, result or {})
+        return True
+
+    def write(self, plan: CellPlan) -> None:
+        """Write the record of the results that a cell has, if it has any."""
+        if done := self.results.pop(plan.cell, None):
+            record = record_of(plan, [done[seed] for seed in sorted(done)])
+            self.on_record(record, record.save(self.root))
 
 
-def _run(unit: Unit) -> Result:
-    if unit.teacher is not None:
-        return kept(unit, _distilled(unit, unit.teacher))
-    if own(unit.cell.method) is not None:
-        return kept(unit, _own(unit))
-    agent, run = trained(unit)
-    with run:
-        return kept(unit, tested(unit, agent, run))
+def run(
+    plans: Sequence[CellPlan],
+    *,
+    root: Path,
+    runs: Path,
+    workers: int = 1,
+    scheduler: str | None = None,
+    modules: Sequence[str] = (),
+    progress: bool = True,
+    on_record: Callable[[Record, Path], None] = lambda record, path: None,
+) -> list[Failure]:
+    """Run what cells lack, and write the record of each as soon as it is complete.
+
+    A cell some of whose trainings failed gets a record of the others.
+
+    Args:
+        plans: The cells.
+        root: The folder of records.
+        runs: The folder of all runs.
+        workers: Processes on this machine.
+        scheduler: The address of a Dask scheduler, in place of ``workers``.
+        modules: Modules that register environments or methods; workers import them.
+        progress: Whether to draw a line of progress.
+        on_record: Called with each record and its path.
+
+    Returns:
+        The tasks that failed.
+
+    Raises:
+        Busy: Another bench works in ``runs``.
+        SchedulerError, ValueError, ImportError: See `run_tasks`.
+    """
+    results = Results(root, plans, on_record)
+    failures: list[Failure] = []
+    commit()  # now, because the sources may change while tasks run
+    with exclusive(runs, "bench", "--runs"):
+        units = [unit for plan in plans for unit in plan.units]
+        todo = [job for job in jobs_of(units) if not results.add_finished(job)]
+        for wave in waves(todo, workers):
+            jobs = {task_of(job).name: job for job in wave}
+
+            def add(task: Task, answers: list[Result], jobs: dict[str, list[Unit]] = jobs) -> None:
+                for unit, result in zip(jobs[task.name], answers, strict=True):
+                    results.add(unit, result)
+
+            tasks = [task_of(job, modules) for job in _with_teachers(wave, failures)]
+            options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "progress": progress}
+            try:
+                run_tasks(tasks, on_done=add, **options)
+            except TasksFailed as failed:
+                failures += failed.failures
+        for plan in plans:
+            results.write(plan)  # those of which some trainings failed
+    return [*failures, *results.failures]
 
 
-def kept(unit: Unit, result: Result) -> Result:
-    """Write a result with what it was made with and by."""
-    result = plain(
-        {
-            "seed": unit.seed,
-            "config": config_of(unit.cell, unit.settings),
-            **result,
-            "backend": environment(unit.cell.environment).backend,
-            "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
-            "versions": versions(),
-        }
-    )
-    unit.folder.mkdir(parents=True, exist_ok=True)
-    files.write(unit.folder / RESULT, json.dumps(result, indent=1))
-    return result
+def waves(jobs: Sequence[list[Unit]], workers: int = 1) -> list[list[list[Unit]]]:
+    """Order jobs in two waves: trainings, missing teachers included, and then the trees made from them."""
+    derived = [job for job in jobs if job[0].teacher is not None]
+    trained = [job for job in jobs if job[0].teacher is None]
+    there = {unit for job in trained for unit in job}
+    teachers = dict.fromkeys(unit.teacher for job in derived for unit in job if unit.teacher is not None)
+    needed = [[unit] for unit in teachers if unit not in there and unit.result() is None]
+    return [interleaved(wave, workers) for wave in ([*trained, *needed], derived) if wave]
 
 
-def trained(unit: Unit) -> tuple[Agent, Run]:
-    """The agent at the end of its training, in its run's folder: read, gone on with, or begun."""
-    wanted = agent_for(unit.cell, unit.seed, unit.settings.total_timesteps)
-    agent, run = _left(unit, wanted) or (wanted, begun(unit, wanted))
-    if agent.num_timesteps < agent.config.total_timesteps:
-        agent.learn(callback=save_into(run), progress_bar=False)
-    return agent, run
+def interleaved(jobs: Iterable[list[Unit]], workers: int) -> list[list[Unit]]:
+    """Order jobs so that those of as many cells as there are workers alternate.
+
+    Workers then rarely compile the same program at the same time, and cells are finished one after another.
+    """
+    cells: dict[Cell, list[list[Unit]]] = {}
+    for job in jobs:
+        cells.setdefault(job[0].cell, []).append(job)
+    queues = [*cells.values()]
+    together = (zip_longest(*queues[i : i + workers]) for i in range(0, len(queues), workers))
+    return [job for turns in together for turn in turns for job in turn if job is not None]
 
 
-def _left(unit: Unit, wanted: Agent) -> tuple[Agent, Run] | None:
-    """What an earlier bench left, if it was to be the same."""
-    if not has_run(unit.folder):
-        return None
-    try:
-        run = Run.open(unit.folder)
-        same = (
-            run.metadata["env"] == wanted.spec.name
-            and run.seed == wanted.seed
-            and run.config == wanted.config
-        )
-        return (resume_agent(run), run) if same else None
-    except RunError:
-        return None  # damaged, or by another version: begin anew
+def _with_teachers(wave: Sequence[list[Unit]], failures: list[Failure]) -> list[list[Unit]]:
+    """Return the jobs whose teachers were trained; the others are added to the failures."""
+    failed = {failure.task.name for failure in failures}
+    able = []
+    for job in wave:
+        if job[0].teacher is not None and job[0].teacher.name in failed:
+            failures.append(Failure(task_of(job), "the training of its teacher failed", ""))
+        else:
+            able.append(job)
+    return able
 
 
-def begun(unit: Unit, agent: Agent) -> Run:
-    """A new run in the unit's folder, whatever was there."""
-    (unit.folder / RESULT).unlink(missing_ok=True)
-    options: dict[str, Any] = {"preset": agent.preset, "eval_episodes": unit.settings.episodes}
-    return Run.create(unit.folder, agent.spec, agent.config, agent.seed, overwrite=True, **options)
+def record_of(plan: CellPlan, results: Sequence[Result]) -> Record:
+    """Return a cell's record, from new results and the trainings that it already had.
 
+    Args:
+        plan: The cell.
+        results: The results of its units, at least one.
+    """
+    rows = _rows(plan.record) | {result["seed"]: _row(result) for result in results}
+    seeds = sorted(rows)
 
-def tested(unit: Unit, agent: Agent, run: Run) -> Result:
-    """Play with a trained agent, write its tree and its summary."""
-    tree = agent.tree() if agent.has_tree else None
-    test = _play(unit, tree or agent, "test")
-    sampled = _play(unit, agent, "test", deterministic=False)
-    summary = finish(agent, run, test, sampled, EPISODES + unit.seed)
-    seconds = training_seconds(run)
-    speed = {"compile_seconds": agent.compile_seconds, "training_seconds": seconds}
-    run.save_summary(
-        summary
-        | speed
-        | {
-            "wall_seconds": seconds + agent.compile_seconds,
-            "steps_per_second": round(agent.num_timesteps / max(seconds, 1e-9)),
-        }
-    )
-    return {
-        "returns": test.returns,
-        "validation_returns": _play(unit, agent, "validation").returns,
-        "sampled_returns": sampled.returns,
-        "nodes": None if tree is None else tree.n_nodes,
-        "curve": curve_of(run),
-        "seconds": seconds,
-        "compile_seconds": agent.compile_seconds,
-    }
+    def column(name: str) -> Any:
+        values = [rows[seed][name] for seed in seeds]
+        return None if any(value is None for value in values) else values
 
-
-def _distilled(unit: Unit, teacher: Unit) -> Result:
-    """Make a tree of the teacher's agent, which is trained here if nobody has."""
-    with one_at_a_time(teacher.folder):
-        agent, run = trained(teacher)
-        run.close()
-    began = time.perf_counter()
-    options = distilling(unit.cell.method)
-    if options["method"] == "discretize":
-        tree = discretize_agent(agent)
-    else:
-        tree = distill(teacher_of(agent), seed=unit.seed, **options).prune()
-    seconds = time.perf_counter() - began
-    test = _play(unit, tree, "test")
-    _write_tree(unit.folder, tree.with_visits(test.observations))
-    return {
-        "returns": test.returns,
-        "validation_returns": _play(unit, agent, "validation").returns,
-        "sampled_returns": None,
-        "nodes": tree.n_nodes,
-        "curve": None,
-        "seconds": seconds,
-        "compile_seconds": 0.0,
-    }
-
-
-def _own(unit: Unit) -> Result:
-    """Let a function of the user's make the policy."""
-    where = own(unit.cell.method)
-    assert where is not None
-    began = time.perf_counter()
-    unit.folder.mkdir(parents=True, exist_ok=True)
-    policy = resolve(where)(
-        environment(unit.cell.environment),
-        seed=unit.seed,
-        total_timesteps=unit.settings.total_timesteps,
-        folder=unit.folder,
-    )
-    seconds = time.perf_counter() - began
-    if isinstance(policy, DecisionTree):
-        _write_tree(unit.folder, policy)
-    return {
-        "returns": _play(unit, policy, "test").returns,
-        "validation_returns": _play(unit, policy, "validation").returns,
-        "sampled_returns": None,
-        "nodes": policy.n_nodes if isinstance(policy, DecisionTree) else None,
-        "curve": None,
-        "seconds": seconds,
-        "compile_seconds": 0.0,
-    }
-
-
-def curve_of(run: Run) -> dict[str, list[float]]:
-    """Each validation of a training."""
-    rows = run.metrics.read()
-    return {
-        "timesteps": [row["time/total_timesteps"] for row in rows],
-        "returns": [row["eval/mean_reward"] for row in rows],
-    }
-
-
-def _play(unit: Unit, policy: Any, purpose: Purpose, *, deterministic: bool = True) -> Episodes:
-    return play(
-        policy,
-        environment(unit.cell.environment),
-        unit.settings.episodes,
-        seed=EPISODES + unit.seed,
-        deterministic=deterministic,
-        purpose=purpose,
+    return Record(
+        environment=plan.cell.environment,
+        algo=plan.cell.algo,  # pyright: ignore[reportArgumentType]
+        method=plan.cell.method,
+        variant=plan.cell.variant,
+        total_timesteps=plan.config["training"]["total_timesteps"],
+        seeds=tuple(seeds),
+        **{name: column(name) for name in _COLUMNS},
+        config=dict(plan.config),
+        versions=results[-1]["versions"],
+        commit=commit(),
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        extra={name: [rows[seed][name] for seed in seeds] for name in _NOTES},
     )
 
 
-def _write_tree(folder: Path, tree: DecisionTree) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    files.write(folder / "policy.json", tree.to_json())
-    files.write(folder / "tree.txt", f"{tree.to_text()}\n")
+_COLUMNS = ("returns", "validation_returns", "sampled_returns", "nodes", "curves", "seconds")
+_NOTES = ("compile_seconds", "load", "backend")
+
+
+def _row(result: Result) -> dict[str, Any]:
+    return {**result, "curves": result["curve"]}
+
+
+def _rows(record: Record | None) -> dict[int, dict[str, Any]]:
+    """Return the columns of a record by training."""
+    if record is None:
+        return {}
+    columns = {name: getattr(record, name) for name in _COLUMNS}
+    columns |= {name: record.extra.get(name) for name in _NOTES}
+    return {
+        seed: {name: None if values is None else values[i] for name, values in columns.items()}
+        for i, seed in enumerate(record.seeds)
+    }

@@ -1,4 +1,4 @@
-"""From records to the numbers of a table: what each cell says, how it compares, and what rows say over environments."""
+"""The numbers of a table: those of each cell, its comparisons, and those of rows over environments."""
 
 from __future__ import annotations
 
@@ -23,14 +23,13 @@ from ..results.statistics import (
     training_means,
 )
 from .comparisons import Comparison, against, best_and_not_different
-from .methods import is_tree
 from .record import Cell, Record, RecordError
-from .tables import Row, Table, cell_of
+from .tables import Row, Table, cell_of, is_tree
 
 
 @dataclass(frozen=True)
 class CellSummary:
-    """A cell that was run. Moments are over trainings."""
+    """The numbers of a cell that was run. Moments are over trainings."""
 
     record: Record
     test: Moments
@@ -41,28 +40,32 @@ class CellSummary:
     loss: Interval | None
     """Cohen's d, validation less test, with the interval of the noncentral t distribution."""
     loss_by_bootstrap: Interval | None
-    """The same with a percentile bootstrap's."""
+    """Cohen's d with the interval of a percentile bootstrap."""
     best: Comparison | None = None
-    """Beside the best of those it is compared with: Welch's test, Holm's correction."""
+    """Compared with the best of its family: Welch's test, Holm's correction."""
     best_by_permutation: Comparison | None = None
     first: Comparison | None = None
-    """Beside the table's first row, where rows are compared with that."""
+    """Compared with the table's first row, in tables that compare rows with it."""
 
     @property
     def is_among_best(self) -> bool:
-        """Whether it is the best of at least two, or not different from it."""
+        """Whether the cell is the best of at least two, or not different from the best."""
         return self.best is not None and not self.best.is_different
 
 
 class Overall(NamedTuple):
-    """A row over all environments of a table, of normalised returns."""
+    """The normalised returns of a row over all environments of a table."""
 
     mean: Interval
     interquartile_mean: Interval
 
 
 def by_cell(records: Iterable[Record]) -> dict[Cell, Record]:
-    """Records by their cells; two of one cell are an error."""
+    """Return records by their cells.
+
+    Raises:
+        RecordError: Two records are of one cell.
+    """
     found: dict[Cell, Record] = {}
     for record in records:
         if record.cell in found:
@@ -74,7 +77,7 @@ def by_cell(records: Iterable[Record]) -> dict[Cell, Record]:
 
 
 def summarise(table: Table, records: Mapping[Cell, Record]) -> dict[Cell, CellSummary]:
-    """All cells of the table that were run."""
+    """Return the numbers of all cells of a table that were run."""
     run = {cell: records[cell] for cell in table.cells() if cell in records}
     best, permuted, first = {}, {}, {}
     for family in _families(table, run).values():
@@ -89,7 +92,7 @@ def summarise(table: Table, records: Mapping[Cell, Record]) -> dict[Cell, CellSu
 
 
 def values_of(table: Table, row: Row, records: Mapping[Cell, Record]) -> list[np.ndarray] | None:
-    """A row's mean test returns ``[trainings]`` of each environment; None if a cell is missing."""
+    """Return a row's mean test returns, ``[trainings]`` for each environment; None if a cell is missing."""
     cells = [cell_of(row, env) for env in table.environments]
     return (
         [training_means(records[cell].returns) for cell in cells]
@@ -99,9 +102,9 @@ def values_of(table: Table, row: Row, records: Mapping[Cell, Record]) -> list[np
 
 
 def scores(table: Table, records: Mapping[Cell, Record]) -> dict[Row, list[np.ndarray]]:
-    """Normalised returns of all complete rows, ``[trainings]`` for each environment.
+    """Return the normalised returns of all complete rows, ``[trainings]`` for each environment.
 
-    What is worth 0 and 1 is said by the table's reference rows, as many of them as there are (`statistics.reference`).
+    The table's reference rows that have records define 0 and 1 (`statistics.reference`).
     """
     references = []
     for env in table.environments:
@@ -118,7 +121,7 @@ def scores(table: Table, records: Mapping[Cell, Record]) -> dict[Row, list[np.nd
 
 
 def overall(table: Table, records: Mapping[Cell, Record]) -> dict[Row, Overall]:
-    """Complete rows over all environments; what is worth 0 and 1 is taken as known in the intervals."""
+    """Return the numbers of complete rows over all environments; the intervals take the returns of 0 and 1 as known."""
     return {
         row: Overall(
             bootstrap_interval(strata, normalised_mean), bootstrap_interval(strata, interquartile_mean)
@@ -128,21 +131,21 @@ def overall(table: Table, records: Mapping[Cell, Record]) -> dict[Row, Overall]:
 
 
 def mean_loss(table: Table, row: Row, records: Mapping[Cell, Record]) -> Interval | None:
-    """Cohen's d of a row, its mean over environments; None if a cell is missing or has one training."""
+    """Return the mean over environments of a row's Cohen's d; None if a cell is missing or has one training."""
     pairs = [_pairs(records.get(cell_of(row, env))) for env in table.environments]
     known = [pair for pair in pairs if pair is not None]
     return mean_interval_of([d_interval(pair) for pair in known]) if len(known) == len(pairs) else None
 
 
 def curve_means(record: Record) -> np.ndarray | None:
-    """Each training's validation return, its mean over the training, ``[trainings]``."""
+    """Return the mean over each training of its validation returns, ``[trainings]``; None if there are no curves."""
     if record.curves is None:
         return None
     return np.array([np.mean(curve["returns"]) for curve in record.curves])
 
 
 def _families(table: Table, run: Mapping[Cell, Record]) -> dict[tuple[str, ...], list[Cell]]:
-    """Cells that are compared with each other."""
+    """Return the families of cells that are compared with each other."""
     families: dict[tuple[str, ...], list[Cell]] = {}
     for cell, record in run.items():
         match table.compared:
@@ -171,7 +174,7 @@ def _summary(record: Record, *comparisons: Comparison | None) -> CellSummary:
 
 
 def _pairs(record: Record | None) -> np.ndarray | None:
-    """Mean validation and mean test return of each training, ``[trainings, 2]``."""
+    """Return the mean validation and the mean test return of each training, ``[trainings, 2]``."""
     if record is None or record.validation_returns is None or len(record.seeds) < 2:
         return None
     return np.stack([training_means(record.validation_returns), training_means(record.returns)], axis=1)

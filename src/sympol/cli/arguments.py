@@ -12,10 +12,12 @@ import dataclasses
 import difflib
 import io
 import tomllib
+import types
+import typing
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeVar, Union
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -27,6 +29,11 @@ Arguments = TypeVar("Arguments")
 Text: TypeAlias = tyro.conf.Positional[str]
 Folder: TypeAlias = tyro.conf.Positional[Path]
 EnvKwargs: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")]
+Flag: TypeAlias = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")]
+"""A flag that is off unless given."""
+OptionalPath: TypeAlias = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
+OptionalText: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="STR", help_behavior_hint="")]
+Texts: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="STR ...", help_behavior_hint="")]
 
 
 @dataclass(kw_only=True)
@@ -38,6 +45,17 @@ class PlaysRun:
 
     trust: bool = False
     """Import the module that the run's folder names, which runs its code."""
+
+
+@dataclass
+class Workers:
+    """Choose where trainings run. Results do not depend on it."""
+
+    workers: int = 1
+    """Number of processes on this machine."""
+
+    scheduler: OptionalText = None
+    """Address of a Dask scheduler whose workers run the trainings, such as tcp://host:8786."""
 
 
 _NUMBERS = ConstructorRegistry()
@@ -84,6 +102,7 @@ def parse(
         ValueError: A word is unknown or has a wrong value; the message is one line.
         SystemExit: The words ask for help, which is printed.
     """
+    _write_checkable_types(kind)
     options: dict[str, Any] = {} if default is None else {"default": default}
     printed = io.StringIO()
     try:
@@ -105,6 +124,24 @@ def parse(
         hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
         raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
     return parsed
+
+
+def _write_checkable_types(kind: Any) -> None:
+    """Write the types of a dataclass's fields in forms whose defaults tyro checks by itself.
+
+    For `X | None` and `tuple[str, ...]` it imports typeguard, which takes as long as importing NumPy.
+    """
+    hints = typing.get_type_hints(kind, include_extras=True)
+    kind.__annotations__ = {name: _checkable(hint) for name, hint in hints.items()}
+
+
+def _checkable(hint: Any) -> Any:
+    if isinstance(hint, types.UnionType):
+        return Union[*map(_checkable, typing.get_args(hint))]
+    if typing.get_origin(hint) is Annotated:
+        inner, *extras = typing.get_args(hint)
+        return Annotated[_checkable(inner), *extras]
+    return tuple if hint == tuple[str, ...] else hint  # tyro takes the entries of a bare tuple for str
 
 
 def _flags(kind: Any) -> Iterator[str]:

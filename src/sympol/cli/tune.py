@@ -1,13 +1,14 @@
-"""``sympol tune``: a search for hyperparameters."""
+"""``sympol tune``: hyperparameter search."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import tyro
 from rich.markup import escape
 from rich.table import Table as Shown
 
@@ -15,7 +16,7 @@ from ..algorithms.presets import DEFAULT
 from ..runs.formatting import decimals
 from ..runs.metadata import file_name
 from ..threads import use_one_thread
-from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .arguments import EnvKwargs, OptionalPath, OptionalText, Text, Workers, env_kwargs, parse
 from .console import err, out, print_error
 
 if TYPE_CHECKING:
@@ -26,68 +27,85 @@ if TYPE_CHECKING:
     from ..tune.tune import Outcome
 
 _SHOWN = 3
-"""So many of the best trials are shown beside each other."""
+"""The number of best trials that are shown beside each other."""
 
 MOST_SEEDS = 1000
-"""Trainings of one trial, at most."""
+"""The largest number of trainings of one trial."""
 
 
 @dataclass
-class Tune:
-    """Search hyperparameters for an environment and a policy: trials in the paper's grids, by validation returns.
-
-    All is kept in a study; what was interrupted goes on, and more --trials add to it. Hopeless trials are pruned.
-
-    The best as a preset: sympol tune CartPole-v1 --save-preset best.toml
-
-    Training with it: sympol train CartPole-v1 --preset best.toml
-    """
-
-    env: Text
-    """Gymnasium id, such as CartPole-v1."""
-
-    policy: Literal["tree", "mlp", "sdt"] = "tree"
-    """A decision tree, or a rival: a multilayer perceptron, a soft decision tree."""
-
-    algorithm: Literal["ppo", "a2c"] = "ppo"
-    """What trains it."""
+class Trials:
+    """Set the number of trials and the trainings of each."""
 
     trials: int = 60
-    """How many there are to be in the study, those of earlier calls included."""
+    """Number of trials in the study, those of earlier calls included."""
 
     total_timesteps: int = 1_000_000
     """Environment steps of each training."""
 
     seeds: int = 1
-    """Trainings of each trial; what counts is the mean of their validation returns."""
+    """Number of trainings of each trial; its value is the mean of their validation returns."""
 
     seed: int = 1000
-    """The first of these seeds, and that of the search itself; below 1000 are those that are reported."""
+    """The first seed of the trainings, and the seed of the search itself. Seeds below 1000 are for trainings that are
+    reported."""
 
     preset: str = DEFAULT
-    """What trials start from, in fields that are not searched: default, paper, or the path of a .toml file."""
+    """Source of the hyperparameters that are not searched: default, paper, or the path of a .toml file."""
 
-    storage: str | None = None
-    """A journal file, or postgresql://user@host/database; runs/tune/ENV-ALGORITHM-POLICY.journal by default."""
 
-    study: str | None = None
-    """What the study is called in the storage; ENV-ALGORITHM-POLICY by default."""
+@dataclass
+class Storage:
+    """Choose where the study is kept."""
 
-    workers: int = 1
-    """Processes on this machine."""
+    storage: OptionalText = None
+    """A journal file, or postgresql://user@host/database; by default runs/tune/ENV-ALGORITHM-POLICY.journal."""
 
-    scheduler: str | None = None
-    """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""
+    study: OptionalText = None
+    """The study's name in the storage; by default ENV-ALGORITHM-POLICY."""
 
-    save_preset: Path | None = None
-    """Write the best trial as a preset: a .toml file, for sympol train ENV --preset FILE."""
+
+@dataclass
+class Tune:
+    """Search hyperparameters for an environment and a policy, by validation returns, in the paper's search spaces.
+
+    Trials are kept in a study. After an interruption the same command resumes, and a larger --trials adds to the study.
+    A median pruner ends poor trials early.
+
+    Save the best hyperparameters as a preset: sympol tune CartPole-v1 --save-preset best.toml
+
+    Train with them: sympol train CartPole-v1 --preset best.toml
+    """
+
+    env: Annotated[Text, tyro.conf.arg(metavar="ENV")]
+    """Gymnasium id, such as CartPole-v1."""
+
+    policy: Literal["tree", "mlp", "sdt"] = "tree"
+    """The actor: a decision tree, or a baseline: a multilayer perceptron or a soft decision tree."""
+
+    algorithm: Literal["ppo", "a2c"] = "ppo"
+    """The algorithm that trains it."""
 
     env_kwargs: EnvKwargs = ()
-    """What to make the environment with."""
+    """Arguments of the environment, such as view_size=5 or continuous=true."""
+
+    save_preset: OptionalPath = None
+    """Write the best trial as a preset into this .toml file, for sympol train ENV --preset FILE."""
+
+    trials: Trials = field(default_factory=Trials)
+    processes: Workers = field(default_factory=Workers)
+    storage: Storage = field(default_factory=Storage)
 
 
 def run(words: Sequence[str]) -> int:
-    """Run ``sympol tune``."""
+    """Run ``sympol tune``.
+
+    Args:
+        words: The words after the command's name.
+
+    Returns:
+        The exit status: 1 if no trial was completed or a worker failed, else 0.
+    """
     given = parse(Tune, "tune", words)
 
     from ..tune.report import require_preset_file
@@ -95,16 +113,18 @@ def run(words: Sequence[str]) -> int:
 
     search = _search(given)
     if given.save_preset is not None:
-        require_preset_file(given.save_preset)  # now, not after sixty trials
+        require_preset_file(given.save_preset)  # an error now rather than after sixty trials
     use_one_thread()
-    name = given.study or f"{search.env}-{search.algorithm}-{search.policy}"
+    name = given.storage.study or f"{search.env}-{search.algorithm}-{search.policy}"
     stem = Path("runs", "tune", file_name(name))
-    storage = given.storage or str(stem.with_name(f"{stem.name}.journal"))
+    storage = given.storage.storage or str(stem.with_name(f"{stem.name}.journal"))
     if "://" not in storage:
-        stem = Path(storage).with_suffix("") if given.study is None else Path(storage).parent / stem.name
+        stem = (
+            Path(storage).with_suffix("") if given.storage.study is None else Path(storage).parent / stem.name
+        )
     err.print(_plan(given, search, name, storage), markup=False)
-    options: dict[str, Any] = {"workers": given.workers, "scheduler": given.scheduler}
-    study, failures = tune(search, storage, name, given.trials, on_trial=_tell, **options)
+    options: dict[str, Any] = {"workers": given.processes.workers, "scheduler": given.processes.scheduler}
+    study, failures = tune(search, storage, name, given.trials.trials, on_trial=_print_trial, **options)
     return _report(given, study, stem, failures)
 
 
@@ -112,25 +132,26 @@ def _search(given: Tune) -> Search:
     from ..results.seeds import SEARCH
     from ..tune.study import Search
 
+    numbers = {**vars(given.trials), "workers": given.processes.workers}
     for name in ("trials", "total_timesteps", "seeds", "workers"):
-        if getattr(given, name) < 1:
-            raise ValueError(f"--{name.replace('_', '-')} must be at least 1, got {getattr(given, name)}")
-    if given.seeds > MOST_SEEDS:
+        if numbers[name] < 1:
+            raise ValueError(f"--{name.replace('_', '-')} must be at least 1, got {numbers[name]}")
+    if given.trials.seeds > MOST_SEEDS:
         raise ValueError(
-            f"--seeds must be at most {MOST_SEEDS:,}, got {given.seeds}: each trial trains with all of them"
+            f"--seeds must be at most {MOST_SEEDS:,}, got {given.trials.seeds}: each trial trains with all of them"
         )
-    if given.seed not in SEARCH:
+    if given.trials.seed not in SEARCH:
         raise ValueError(
-            f"--seed must be at least {SEARCH.start}, got {given.seed}: those below are of trainings that are "
-            "reported, and nothing is chosen by them"
+            f"--seed must be at least {SEARCH.start}, got {given.trials.seed}: smaller seeds are for trainings that "
+            "are reported, which choose nothing"
         )
     return Search.of(
         given.env,
         given.policy,
         given.algorithm,
-        total_timesteps=given.total_timesteps,
-        seeds=range(given.seed, given.seed + given.seeds),
-        preset_name=given.preset,
+        total_timesteps=given.trials.total_timesteps,
+        seeds=range(given.trials.seed, given.trials.seed + given.trials.seeds),
+        preset_name=given.trials.preset,
         env_kwargs=env_kwargs(given.env_kwargs),
     )
 
@@ -140,12 +161,12 @@ def _plan(given: Tune, search: Search, name: str, storage: str) -> str:
     seeds = f"seed {search.seeds[0]}" + (f" to {search.seeds[-1]}" if len(search.seeds) > 1 else "")
     where = "PostgreSQL" if "://" in storage else storage  # an address may hold a password
     return (
-        f"{given.trials} trials of {what} by {search.algorithm.upper()} on {search.env}, "
-        f"{given.total_timesteps:,} steps, {seeds}; study {name} in {where}"
+        f"{given.trials.trials} trials of {what} by {search.algorithm.upper()} on {search.env}, "
+        f"{given.trials.total_timesteps:,} steps, {seeds}; study {name} in {where}"
     )
 
 
-def _tell(outcome: Outcome) -> None:
+def _print_trial(outcome: Outcome) -> None:
     match outcome.state:
         case "complete":
             word = f"return {_number(outcome.value)}, the best so far {_number(outcome.best)}"
@@ -176,19 +197,17 @@ def _report(given: Tune, study: Study, stem: Path, failures: Sequence[Failure]) 
         save_preset(study, given.save_preset)
         words = ["sympol", "train", given.env, "--preset", str(given.save_preset)]
         words += [
-            f"--{name}={getattr(given, name)}" for name in ("algorithm", "policy") if _is_other(given, name)
+            f"--{name}={getattr(given, name)}"
+            for name in ("algorithm", "policy")
+            if getattr(given, name) != getattr(Tune, name)
         ]
         words += ["--env-kwargs", *given.env_kwargs] if given.env_kwargs else []
         err.print(f"the best is in {given.save_preset}; train with it: {shlex.join(words)}", markup=False)
     return 1 if failures else 0
 
 
-def _is_other(given: Tune, name: str) -> bool:
-    return hasattr(given, name) and getattr(given, name) != getattr(Tune, name)
-
-
 def _table(study: Study) -> Shown:
-    """The best trials, a column each, and what mattered."""
+    """Return a table with a column for each of the best trials, and the importance of each hyperparameter."""
     from ..tune.report import best_trials, counts, importances
 
     best, shares = best_trials(study)[:_SHOWN], importances(study)
@@ -197,7 +216,7 @@ def _table(study: Study) -> Shown:
         title=escape(
             f"{study.study_name}: {there['complete']} completed, {there['pruned']} pruned, {there['fail']} failed"
         ),
-        caption="importance: share in what sets the best trials apart" if shares else None,
+        caption="importance: share in what distinguishes the best trials" if shares else None,
     )
     shown.add_column("", no_wrap=True)
     for trial in best:

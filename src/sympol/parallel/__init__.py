@@ -1,4 +1,4 @@
-"""Many tasks, one result: in this process, in several, or on a cluster (docs/guides/cluster.md).
+"""Run tasks in this process, in several processes, or on a Dask cluster (docs/guides/cluster.md).
 
 >>> task = Task("seed 1", "sympol.bench.somewhere:train", {"env": "CartPole-v1", "seed": 1})
 >>> run_tasks([task], workers=2, on_done=lambda task, result: print(task.name, result))  # doctest: +SKIP
@@ -10,9 +10,9 @@ import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from .board import Board
-from .local import run_here
-from .task import Failure, Result, Task, TasksFailed, encode, perform, resolve
+from .processes import run_in_processes
+from .progress import Progress
+from .task import Failure, Result, Task, TasksFailed, encode, import_function, perform
 
 __all__ = ["Failure", "Result", "Task", "TasksFailed", "run_tasks"]
 
@@ -26,40 +26,40 @@ def run_tasks(
     on_done: Callable[[Task, Result], None],
     progress: bool = True,
 ) -> None:
-    """Do all tasks; ``on_done`` gets each result as it comes, in this process and thread.
+    """Run all tasks and pass each result to ``on_done`` as soon as it is there.
 
-    Results are the same whichever way they are done. A task whose worker dies is done again; an exception in a task
-    is not (it would come again), and does not keep the others from being done. Ctrl-C ends what is at work.
+    Results do not depend on where tasks run. A task whose worker dies is tried again. A task that raises an exception
+    is not, because it would raise it again; the other tasks still run. Ctrl-C ends the tasks at work.
 
     Args:
-        tasks: What to do, in this order as far as there are workers.
-        workers: Processes on this machine; 1 does the tasks in this process, one after the other.
+        tasks: The tasks, started in this order.
+        workers: Processes on this machine. With 1, tasks run in this process, one after another.
         scheduler: The address of a Dask scheduler (``"tcp://host:8786"``), in place of ``workers``.
         retries: How often a task whose worker died is tried again.
-        on_done: Called with a task and its result, as JSON gives it back. What it has kept, stays.
-        progress: Draw a line on the error stream.
+        on_done: Called in this process and thread with a task and its result, as JSON gives it back.
+        progress: Whether to draw a line of progress on the error stream.
 
     Raises:
-        TasksFailed: some tasks failed; raised after all others are done.
-        SchedulerError: no scheduler at the address, or a worker that would give other results.
-        ValueError: bad input, before anything is done.
-        TypeError: arguments that JSON cannot hold.
-        ImportError: ``scheduler`` without the extra ``sympol[cluster]``.
+        TasksFailed: Some tasks failed; raised after all others are done.
+        SchedulerError: There is no scheduler at the address, or a worker would compute other results.
+        ValueError: An argument is invalid; raised before any task starts.
+        TypeError: A task has arguments that JSON cannot hold.
+        ImportError: ``scheduler`` is given without the extra ``sympol[cluster]``.
     """
     _check(tasks, workers, scheduler, retries)
     parallel = max(min(workers, len(tasks)), 1)
-    with Board(len(tasks), on_done, parallel=parallel, show=progress) as board:
+    with Progress(len(tasks), on_done, parallel=parallel, show=progress) as shown:
         if scheduler is not None:
             from .dask import run_on_cluster
 
-            run_on_cluster(tasks, scheduler, retries, board)
+            run_on_cluster(tasks, scheduler, retries, shown)
         elif workers > 1:
-            run_here(tasks, workers, retries, board)
+            run_in_processes(tasks, workers, retries, shown)
         else:
             for task in tasks:
-                board.start(task)
-                board.answer(task, perform(task.function, encode(task)))
-    board.close()
+                shown.start(task)
+                shown.finish(task, perform(task.function, encode(task)))
+    shown.raise_failures()
 
 
 def _check(tasks: Sequence[Task], workers: int, scheduler: str | None, retries: int) -> None:
@@ -78,8 +78,8 @@ def _check(tasks: Sequence[Task], workers: int, scheduler: str | None, retries: 
         raise ValueError(f"retries must be at least 0, got {retries}")
     twice = [name for name, count in Counter(task.name for task in tasks).items() if count > 1]
     if twice:
-        raise ValueError(f"tasks must have names of their own, got {twice[0]!r} more than once")
+        raise ValueError(f"tasks must have unique names, got {twice[0]!r} more than once")
     for task in tasks:
         encode(task)
     for function in {task.function for task in tasks}:
-        resolve(function)
+        import_function(function)

@@ -1,4 +1,4 @@
-"""Tasks, and how they run: the same few lines in this process, in another and on another machine."""
+"""Tasks, and how they run: by the same few lines in this process, in another one and on another machine."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Result = Any
 
 @dataclass(frozen=True)
 class Task:
-    """One piece of work, written so that any process on any machine can do it.
+    """One piece of work, described so that any process on any machine can do it.
 
     Args:
-        name: What it is called in progress and errors; no two tasks of a call share one.
+        name: The name in progress and errors, unique within a call of `run_tasks`.
         function: ``"module:qualname"``, importable wherever tasks are done.
-        arguments: Its keyword arguments, as JSON can hold them. A task that was interrupted is started again with
-            the same ones, so it is the function's duty to find what it has already done.
+        arguments: The keyword arguments, as JSON can hold them. An interrupted task is started again with the same
+            ones, so the function itself must find what it has already done.
     """
 
     name: str
@@ -36,13 +36,18 @@ class Failure:
 
     task: Task
     reason: str
-    """In one line."""
+    """One line."""
     details: str
     """The traceback, or the end of what the worker wrote before it died."""
 
 
 class TasksFailed(RuntimeError):
-    """Raised when everything else is done: some tasks failed, and ``failures`` says which and why."""
+    """Some tasks failed; raised when all others are done.
+
+    Args:
+        failures: Which tasks failed, and why.
+        total: The number of tasks.
+    """
 
     def __init__(self, failures: list[Failure], total: int) -> None:
         self.failures = failures
@@ -54,10 +59,16 @@ class TasksFailed(RuntimeError):
 
 
 def encode(task: Task) -> str:
-    """Its arguments as JSON: what crosses to a worker, and what a task in this process gets as well.
+    """Return a task's arguments as JSON, which is what a task gets wherever it runs.
+
+    Args:
+        task: The task.
+
+    Returns:
+        JSON.
 
     Raises:
-        TypeError: an argument that JSON cannot hold.
+        TypeError: JSON cannot hold an argument.
     """
     try:
         return json.dumps(task.arguments)
@@ -68,11 +79,17 @@ def encode(task: Task) -> str:
         ) from None
 
 
-def resolve(function: str) -> Callable[..., Result]:
-    """Import ``"module:qualname"``.
+def import_function(function: str) -> Callable[..., Result]:
+    """Import a function by its name.
+
+    Args:
+        function: ``"module:qualname"``.
+
+    Returns:
+        The function.
 
     Raises:
-        ValueError: there is no such function, or only this process could import it.
+        ValueError: There is no such function, or only this process could import it.
     """
     module, _, qualname = function.partition(":")
     if not qualname or module == "__main__" or "<" in qualname:
@@ -93,15 +110,19 @@ def resolve(function: str) -> Callable[..., Result]:
 
 
 def perform(function: str, arguments: str) -> str:
-    """Do a task; the answer is ``{"result": …}``, or ``{"error": one line, "details": traceback}``, as JSON.
+    """Run a task's function.
 
-    JSON in and out also where nothing crosses a border: a tuple that becomes a list does so everywhere.
+    Arguments and result are JSON even if no process boundary is crossed, so that a tuple becomes a list everywhere.
+
+    Args:
+        function: ``"module:qualname"``.
+        arguments: The keyword arguments as JSON.
+
+    Returns:
+        JSON: ``{"result": …}``, or ``{"error": one line, "details": traceback}``.
     """
     try:
-        return json.dumps({"result": resolve(function)(**json.loads(arguments))})
-    except (
-        Exception,
-        SystemExit,
-    ) as error:  # SystemExit: a task that calls a command must not end its worker
+        return json.dumps({"result": import_function(function)(**json.loads(arguments))})
+    except (Exception, SystemExit) as error:  # a task that calls a command must not end its worker
         reason = " ".join(traceback.format_exception_only(error)[-1].split())
         return json.dumps({"error": reason, "details": traceback.format_exc()})

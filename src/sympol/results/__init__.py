@@ -1,1 +1,1 @@
-"""Results on paper: statistics of returns, numbers in words, tables, a style for plots, JSON."""
+"""Statistics of returns, the purpose of seeds, numbers and tables as text, the style of plots, JSON."""

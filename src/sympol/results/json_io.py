@@ -1,4 +1,4 @@
-"""JSON to be looked at and compared line by line, of plain values only."""
+"""JSON of plain values, in lines that a version control system can compare."""
 
 from __future__ import annotations
 
@@ -11,7 +11,17 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """Return what JSON gives back: lists for tuples, Python's numbers for NumPy's, "inf" for infinity."""
+    """Return a value as JSON gives it back: lists for tuples, Python's numbers for NumPy's, "inf" for infinity.
+
+    Args:
+        value: Numbers, text, None, and lists, arrays and mappings of these.
+
+    Returns:
+        The value made of dictionaries, lists, numbers, text and None.
+
+    Raises:
+        ValueError: A number is NaN, or a part has another type.
+    """
     match value:
         case Mapping():
             return {str(key): plain(part) for key, part in value.items()}
@@ -31,7 +41,7 @@ def plain(value: Any) -> Any:
 
 
 def rounded(value: Any, digits: int) -> Any:
-    """Numbers of ``digits`` significant digits, however deeply nested."""
+    """Round all numbers in nested lists and mappings to ``digits`` significant digits."""
     if isinstance(value, Mapping):
         return {key: rounded(part, digits) for key, part in value.items()}
     if isinstance(value, Sequence):
@@ -43,7 +53,7 @@ def rounded(value: Any, digits: int) -> Any:
 
 
 def dumps(fields: Mapping[str, Any]) -> str:
-    """A line for each field; where one holds lists or names, a line for each of them."""
+    """Return JSON with a line for each field, and for each element of a field that holds lists or mappings."""
     return (
         "{\n"
         + ",\n".join(f" {json.dumps(name)}: {_lines(value)}" for name, value in fields.items())

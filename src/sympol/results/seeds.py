@@ -1,6 +1,6 @@
-"""Which seeds are for what. Nothing that was chosen on a seed is ever reported on it.
+"""The purpose of each range of seeds, so that nothing chosen on a seed is ever reported on it.
 
-| what | seeds | kept apart by |
+| purpose | seeds | kept apart by |
 |---|---|---|
 | trainings that are reported | `TRAINING` | the range |
 | trainings of a search for hyperparameters | `SEARCH` | the range |
@@ -8,7 +8,7 @@
 | test episodes | odd | parity (`episode_seed`) |
 
 A training and its validations draw from streams of their own (`purpose_key`, `host_seed`). Compiled environments have
-no seeds that could be met on the host: they draw from JAX's keys, machine code from a generator of its own, and every
+no seeds in common with the host: they draw from JAX's keys, machine code from a generator of its own, and every
 test is played on Gymnasium.
 """
 
@@ -21,12 +21,12 @@ SEARCH = range(1000, 2**32)
 
 
 def require_training_seed(seed: int) -> int:
-    """Return ``seed`` if a training with it may be reported, and raise ValueError if not."""
+    """Return ``seed`` if a training with it may be reported; otherwise raise ValueError."""
     return _require(seed, TRAINING, "of a training that is reported", "those above are for searches")
 
 
 def require_search_seed(seed: int) -> int:
-    """Return ``seed`` if a search may train with it, and raise ValueError if not."""
+    """Return ``seed`` if a search may train with it; otherwise raise ValueError."""
     return _require(seed, SEARCH, "of a search", f"add {SEARCH.start}: those below are reported")
 
 

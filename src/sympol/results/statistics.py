@@ -2,7 +2,8 @@
 
 The unit is the training: its mean return over its test episodes is one number. Episodes of one policy resemble each
 other more than those of two trainings do, so that pooling them would make intervals too short and differences too sure.
-Every function takes such numbers, ``values [trainings]``; where it says *strata*, one array an environment.
+Every function takes such numbers, ``values [trainings]``; *strata* are one such array for each environment.
+docs/design/libraries.md says which parts are SciPy's and why the bootstrap is not.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ except ImportError as error:
 
 CONFIDENCE = 0.95
 RESAMPLES = 9999
-"""Of a bootstrap or permutation test: with them and one, the ends of an interval are whole ranks."""
+"""Resamples of a bootstrap or permutation test; with one more, the ends of an interval are whole ranks."""
 
 Strata: TypeAlias = Sequence[Float[np.ndarray, "trainings ..."]]
 Statistic: TypeAlias = Callable[[Sequence[Float[np.ndarray, "resamples trainings ..."]]], np.ndarray]
-"""From resamples of each stratum to ``[resamples, ...]``."""
+"""A function from resamples of each stratum to ``[resamples, ...]``."""
 
 
 class Moments(NamedTuple):
-    """Of some trainings; a single one has no standard deviation."""
+    """Number, mean and standard deviation over trainings; a single training has no standard deviation."""
 
     n: int
     mean: float
@@ -45,7 +46,7 @@ class Interval(NamedTuple):
 
 
 class Profile(NamedTuple):
-    """Share of trainings that score more than each threshold, with its pointwise confidence band."""
+    """The share of trainings that score more than each threshold, with a pointwise confidence band."""
 
     thresholds: Float[np.ndarray, " thresholds"]
     share: Float[np.ndarray, " thresholds"]
@@ -54,27 +55,34 @@ class Profile(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """The returns that are worth 0 and 1 on one environment."""
+    """The returns that are normalised to 0 and to 1 on one environment."""
 
     zero: float
     one: float
 
 
 def training_means(returns: ArrayLike) -> Float[np.ndarray, " trainings"]:
-    """Mean over the episodes of each training, from ``returns [trainings, episodes]``."""
+    """Return the mean over the episodes of each training, from ``returns [trainings, episodes]``."""
     return np.asarray(returns, float).mean(axis=1)
 
 
 def moments(values: ArrayLike) -> Moments:
-    """Mean and standard deviation (ddof 1: of the population they come from) over trainings."""
+    """Return number, mean and standard deviation (ddof 1) over trainings."""
     values = np.asarray(values, float)
     return Moments(len(values), float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else None)
 
 
 def mean_interval(values: ArrayLike, confidence: float = CONFIDENCE) -> Interval | None:
-    """Mean over trainings with Student's interval; None for a single training.
+    """Return the mean over trainings with Student's interval.
 
-    Exact for normal values however few; a percentile bootstrap of five would be a third too short.
+    The interval is exact for normal values, however few; a percentile bootstrap of five would be a third too short.
+
+    Args:
+        values: One number for each training.
+        confidence: The probability that the interval holds the mean.
+
+    Returns:
+        The interval, or None for a single training.
     """
     n, mean, std = moments(values)
     if std is None:
@@ -91,10 +99,20 @@ def stratified_bootstrap(
     confidence: float = CONFIDENCE,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A statistic and the ends of its percentile interval, trainings resampled within each environment.
+    """Return a statistic and its percentile interval, resampling trainings within each environment.
 
-    As rliable does (Agarwal et al. 2021, Deep RL at the edge of the statistical precipice). With five trainings an
-    environment the interval is about a tenth too short, as every percentile bootstrap's is: √(1 − 1/n).
+    This is the bootstrap of rliable (Agarwal et al. 2021, Deep RL at the edge of the statistical precipice). With five
+    trainings an environment the interval is about a tenth too short, as that of every percentile bootstrap: √(1 − 1/n).
+
+    Args:
+        strata: An array for each environment, its first axis over trainings.
+        statistic: The statistic, vectorised over resamples.
+        resamples: The number of resamples.
+        confidence: The probability that the interval is meant to have.
+        seed: Seed of the resampling.
+
+    Returns:
+        The statistic, and the lower and upper ends of its interval.
     """
     rng = np.random.default_rng(seed)
     strata = [np.asarray(values, float) for values in strata]
@@ -110,26 +128,33 @@ def stratified_bootstrap(
 
 
 def bootstrap_interval(strata: Strata, statistic: Statistic, **options: float) -> Interval:
-    """The same for a statistic that is one number."""
+    """Return the result of `stratified_bootstrap` for a statistic that is one number."""
     return Interval(*map(float, stratified_bootstrap(strata, statistic, **options)))  # pyright: ignore[reportArgumentType]
 
 
 def mean_of_environments(drawn: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean over environments of the mean over trainings: each environment counts the same."""
+    """Return the mean over environments of the mean over trainings, so that each environment counts the same."""
     return np.mean([values.mean(axis=1) for values in drawn], axis=0)
 
 
 def interquartile_mean(drawn: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean of the middle half of all trainings of all environments: no one lucky or failed training decides it."""
+    """Return the mean of the middle half of all trainings, which no single lucky or failed training decides."""
     return stats.trim_mean(np.concatenate(drawn, axis=1), 0.25, axis=1)
 
 
 def performance_profile(
     strata: Strata, thresholds: ArrayLike, *, resamples: int = 1999, seed: int = 0
 ) -> Profile:
-    """Share of trainings whose score exceeds each threshold, each environment counting the same.
+    """Return the share of trainings whose score exceeds each threshold, each environment counting the same.
 
-    Strata of normalised scores, one an environment; the band is pointwise, not for the whole curve at once.
+    Args:
+        strata: Normalised scores, an array ``[trainings]`` for each environment.
+        thresholds: The thresholds.
+        resamples: The number of resamples of the bootstrap.
+        seed: Seed of the bootstrap.
+
+    Returns:
+        The shares with a band that is pointwise, not for the whole curve at once.
     """
     thresholds = np.asarray(thresholds, float)
     exceeding = [np.asarray(values, float)[:, None] > thresholds for values in strata]
@@ -138,11 +163,14 @@ def performance_profile(
 
 
 def reference(rows: Iterable[ArrayLike]) -> Reference:
-    """What is worth 0 and 1 on one environment, from the values of the rows of a table.
+    """Return the returns that are normalised to 0 and 1 on one environment.
 
     The paper: between "the top- and worse-performing models. Instead of the worse-performing model, we use the 20% test
     reward quantile to account for outliers". So 1 is the best row's mean and 0 the 0.2-quantile of all trainings of
-    all rows; where hardly any training is bad enough for that, the worst training.
+    all rows. If hardly any training is bad enough for that, 0 is the worst training.
+
+    Args:
+        rows: The values ``[trainings]`` of each row of a table.
     """
     rows = [np.asarray(values, float) for values in rows]
     best, pooled = max(float(values.mean()) for values in rows), np.concatenate(rows)
@@ -151,18 +179,18 @@ def reference(rows: Iterable[ArrayLike]) -> Reference:
 
 
 def normalised(values: ArrayLike, between: Reference) -> np.ndarray:
-    """Scores on the way from 0 to 1, and beyond; if all are worth the same, 1."""
+    """Return values scaled so that ``between`` becomes 0 and 1; if its ends are equal, 1 from there upwards."""
     values, (zero, one) = np.asarray(values, float), between
     return (values - zero) / (one - zero) if one > zero else np.where(values >= one, 1.0, 0.0)
 
 
 def normalised_mean(drawn: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean over environments of the normalised mean, which is at least 0 on each: the paper's "normalized mean"."""
+    """Return the mean over environments of the normalised mean, at least 0 on each: the paper's "normalized mean"."""
     return np.mean([np.maximum(values.mean(axis=1), 0) for values in drawn], axis=0)
 
 
 def cohens_d(drawn: Sequence[np.ndarray]) -> np.ndarray:
-    """Cohen's d between validation and test, of one stratum.
+    """Return Cohen's d between validation and test, for one stratum.
 
     The stratum holds pairs ``[trainings, 2]``: a training's mean validation and mean test return. d is the difference
     of the means in units of the pooled standard deviation (ddof 1) over trainings. As in the paper a positive d says
@@ -181,7 +209,7 @@ def cohens_d(drawn: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def d_interval(pairs: ArrayLike, confidence: float = CONFIDENCE) -> Interval:
-    """Cohen's d of pairs ``[trainings, 2]``, with the interval of the noncentral t distribution.
+    """Return Cohen's d of pairs ``[trainings, 2]``, with the interval of the noncentral t distribution.
 
     Measured with five normal trainings, a true d of 0 and 2: it holds the true d 95 times in a hundred where validation
     and test vary independently, and 96 to 100 times where they vary together (ρ = 0.9). A percentile bootstrap of the
@@ -202,7 +230,7 @@ def d_interval(pairs: ArrayLike, confidence: float = CONFIDENCE) -> Interval:
 
 
 def mean_interval_of(intervals: Sequence[Interval]) -> Interval:
-    """The mean of independent estimates, its interval made of theirs (Zou and Donner 2008, MOVER).
+    """Return the mean of independent estimates, with an interval from theirs (Zou and Donner 2008, MOVER).
 
     A side's distance is the root of the sum of squares of the distances, over their number.
     """

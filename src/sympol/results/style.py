@@ -1,4 +1,4 @@
-"""How plots look.
+"""The style of plots.
 
 Every method has one colour, one kind of line and one mark in all of them, so that nothing is said by colour alone;
 the colours are Okabe and Ito's. The same records give the same file.
@@ -37,8 +37,8 @@ _STYLE: dict[Any, Any] = STYLE | {
 }
 
 
-class Look(NamedTuple):
-    """How a method is drawn."""
+class LineStyle(NamedTuple):
+    """The colour, line and marker of a method."""
 
     colour: str
     line: Any
@@ -46,33 +46,38 @@ class Look(NamedTuple):
 
 
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
-_LOOKS = {
-    "tree": Look("#0072B2", _DASHES[0], "o"),
-    "mlp": Look("#E69F00", _DASHES[1], "s"),
-    "sdt": Look("#009E73", _DASHES[3], "^"),
-    "d-sdt": Look("#D55E00", _DASHES[2], "v"),
-    "sa-dt-5": Look("#CC79A7", _DASHES[1], "D"),
-    "sa-dt-8": Look("#CC79A7", _DASHES[3], "d"),
-    "viper-5": Look("#56B4E9", _DASHES[1], "P"),
-    "viper-8": Look("#56B4E9", _DASHES[2], "X"),
-    "dagger-5": Look("#56B4E9", _DASHES[3], "*"),
-    "dagger-8": Look("#56B4E9", _DASHES[0], "h"),
+_STYLES = {
+    "tree": LineStyle("#0072B2", _DASHES[0], "o"),
+    "mlp": LineStyle("#E69F00", _DASHES[1], "s"),
+    "sdt": LineStyle("#009E73", _DASHES[3], "^"),
+    "d-sdt": LineStyle("#D55E00", _DASHES[2], "v"),
+    "sa-dt-5": LineStyle("#CC79A7", _DASHES[1], "D"),
+    "sa-dt-8": LineStyle("#CC79A7", _DASHES[3], "d"),
+    "viper-5": LineStyle("#56B4E9", _DASHES[1], "P"),
+    "viper-8": LineStyle("#56B4E9", _DASHES[2], "X"),
+    "dagger-5": LineStyle("#56B4E9", _DASHES[3], "*"),
+    "dagger-8": LineStyle("#56B4E9", _DASHES[0], "h"),
 }
 _OTHERS = ("#000000", "#999999", "#B8A800")
 
 
-def look(method: str, others: Sequence[str] = ()) -> Look:
-    """The look of a method; those that are not known get one by their place among ``others``."""
+def style_of(method: str, others: Sequence[str] = ()) -> LineStyle:
+    """Return the style of a method.
+
+    Args:
+        method: The method's name.
+        others: Methods that have no style of their own; each gets one by its place.
+    """
     method = method.removesuffix("-paper")
-    if method in _LOOKS:
-        return _LOOKS[method]
+    if method in _STYLES:
+        return _STYLES[method]
     place = others.index(method) if method in others else 0
-    return Look(_OTHERS[place % len(_OTHERS)], _DASHES[place // len(_OTHERS) % len(_DASHES)], "*")
+    return LineStyle(_OTHERS[place % len(_OTHERS)], _DASHES[place // len(_OTHERS) % len(_DASHES)], "*")
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw as all of ours are drawn."""
+    """Apply our style to everything drawn in this context."""
     from matplotlib import rc_context
 
     with rc_context(_STYLE):
@@ -80,7 +85,7 @@ def styled() -> Iterator[None]:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write .svg, .png or .pdf; the same figure, the same file."""
+    """Write a figure as .svg, .png or .pdf, by the path's suffix; the same figure gives the same bytes."""
     drawn = io.BytesIO()
     with styled():
         figure.savefig(drawn, format=path.suffix[1:], dpi=160, metadata=_METADATA[path.suffix])
@@ -89,7 +94,7 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def panels(rows: int, columns: int, *, height: float = PANEL[1]) -> tuple[Figure, list[list[Axes]]]:
-    """A figure of ``rows × columns`` panels of one size."""
+    """Return a figure of ``rows × columns`` panels of one size, and its axes by row; ``height`` is in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(PANEL[0] * columns, height * rows), layout="constrained")
@@ -97,7 +102,7 @@ def panels(rows: int, columns: int, *, height: float = PANEL[1]) -> tuple[Figure
 
 
 def legend_below(figure: Figure, axes: Iterable[Axes], columns: int = 4) -> None:
-    """One legend for all panels, each name once, in at most so many columns."""
+    """Add one legend for all panels below them, each name once, in at most ``columns`` columns."""
     found = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):

@@ -68,6 +68,25 @@ def is_due(config: Config, before: int, now: int) -> bool:
     return has_limit(config) and before < prune_step(config) <= now
 
 
+def tree_within_limit(
+    tree: DecisionTree, timestep: int, spec: EnvSpec, config: Config, seed: int
+) -> DecisionTree:
+    """Return the tree of a training at a timestep, pruned by return if the limit is not imposed yet.
+
+    Args:
+        tree: The tree.
+        timestep: Environment steps of the training so far.
+        spec: The environment, in which the episodes of the pruning are played.
+        config: The configuration, which may have no limit.
+        seed: The seed of those episodes.
+
+    Returns:
+        The tree, within the limit.
+    """
+    is_imposed = not has_limit(config) or timestep >= prune_step(config)
+    return tree if is_imposed else prune_within(tree, spec, config, seed)
+
+
 def prune_within(tree: DecisionTree, spec: EnvSpec, config: Config, seed: int) -> DecisionTree:
     """Prune a tree by return until it is within the limit of a configuration.
 

@@ -1,1 +1,1 @@
-"""Hyperparameter search: spaces, a study that several processes share, its report."""
+"""Hyperparameter search: its spaces, a study that several processes share, and its report."""

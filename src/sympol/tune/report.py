@@ -13,7 +13,7 @@ import tomli_w
 from .. import files
 from ..algorithms.presets import DEFAULT
 from ..bounded import LARGEST_BY_HAND, parse_toml
-from ..results.style import PANEL, legend_below, look, panels, save, styled
+from ..results.style import PANEL, legend_below, panels, save, style_of, styled
 from .study import Search, finished, quiet, search_of
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _history(study: Study) -> Figure | None:
     figure, [[ax]] = panels(1, 1, height=1.4 * PANEL[1])
     figure.set_figwidth(2 * PANEL[0])
     numbers, values = [t.number for t in completed], [_value(t) for t in completed]
-    style = look(search_of(study).policy)
+    style = style_of(search_of(study).policy)
     pruned = [t for t in finished(study) if t.state.name == "PRUNED" and t.value is not None]
     ax.plot(numbers, values, style.marker, color=style.colour, label="completed")
     ax.plot([t.number for t in pruned], [_value(t) for t in pruned], "x", color="#888888", label="pruned")
@@ -96,7 +96,7 @@ def _importance(study: Study) -> Figure | None:
     names = [*shares][::-1]
     figure, [[ax]] = panels(1, 1, height=0.6 + 0.18 * len(names))
     figure.set_figwidth(2 * PANEL[0])
-    ax.barh(names, [shares[name] for name in names], color=look(search_of(study).policy).colour)
+    ax.barh(names, [shares[name] for name in names], color=style_of(search_of(study).policy).colour)
     ax.grid(visible=False, axis="y")
     ax.set(xlabel="share of importance", title=f"{study.study_name}: what sets the best trials apart")
     return figure

@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ..timing import ROOT
+
 FOLDER = Path(__file__).resolve().parent
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.txt")))
 _COMPLETE = "complete"
@@ -22,9 +24,12 @@ def interpreter(name: str) -> Path:
     Args:
         name: One of `NAMES`; the pins are in ``NAME.txt`` beside this file.
 
+    Returns:
+        The path of the interpreter.
+
     Raises:
         ValueError: There is no such rival.
-        subprocess.CalledProcessError: The packages cannot be installed; pip says why.
+        subprocess.CalledProcessError: The packages cannot be installed; pip prints why.
     """
     if name not in NAMES:
         raise ValueError(f"a rival must be one of {', '.join(NAMES)}, got {name!r}")
@@ -34,6 +39,7 @@ def interpreter(name: str) -> Path:
     folder = _cache() / f"{name}-{digest}"
     python = folder / "bin" / "python"
     if not (folder / _COMPLETE).exists():
+        print(f"building an environment with {name} in {folder}; this takes some minutes", file=sys.stderr)
         shutil.rmtree(folder, ignore_errors=True)  # an earlier build was interrupted
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
         install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
@@ -42,13 +48,29 @@ def interpreter(name: str) -> Path:
     return python
 
 
-def train(name: str, *arguments: object) -> dict[str, Any]:
-    """Train a rival in a process of its own, see `train.py`; return its results and the versions it ran with."""
-    command = [str(interpreter(name)), str(FOLDER / "train.py"), name, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+def last_line(name: str, *command: object) -> str:
+    """Run a script with a rival's interpreter and return the last line that it prints.
+
+    The script can import sympol as it is in this checkout.
+
+    Args:
+        name: The rival.
+        *command: The script and its arguments.
+
+    Raises:
+        RuntimeError: The script failed; the message ends with what it wrote to its error stream.
+    """
+    words = [str(interpreter(name)), *map(str, command)]
+    variables = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=variables)
     if done.returncode:
         raise RuntimeError(f"{name} failed with exit code {done.returncode}: {done.stderr[-2000:]}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return done.stdout.splitlines()[-1]
+
+
+def train(name: str, *arguments: object) -> dict[str, Any]:
+    """Train a rival in a process of its own, see `train.py`; return its results and the versions it ran with."""
+    return json.loads(last_line(name, FOLDER / "train.py", name, *arguments))
 
 
 def _cache() -> Path:

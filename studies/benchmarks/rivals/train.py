@@ -9,9 +9,9 @@ It prints one line of JSON. Imports stand inside the functions because their sec
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import json
-import sys
 import time
 from typing import Any
 
@@ -53,13 +53,14 @@ def sb3(steps: int, env: str = "CartPole-v1", seed: int = 0) -> dict[str, float]
         tests = VecNormalize(tests, training=False, norm_reward=False)
         tests.obs_rms = envs.obs_rms
     mean, _ = evaluate_policy(agent, tests, n_eval_episodes=100)
+    assert isinstance(mean, float)
     return {"training_seconds": seconds, "steps": steps, "return_mean": float(mean)}
 
 
 def rejax(steps: int) -> dict[str, float]:
     """rejax's PPO: 32 environments, rollouts of 128, 4 epochs, as our preset."""
     import jax
-    from rejax import PPO
+    from rejax import PPO  # pyright: ignore[reportMissingImports]
 
     agent = PPO.create(
         env="CartPole-v1",
@@ -86,9 +87,16 @@ def rejax(steps: int) -> dict[str, float]:
 
 if __name__ == "__main__":
     START = time.perf_counter()
-    name, budget, *of_what = sys.argv[1:]
-    result = rejax(int(budget)) if name == "rejax" else sb3(int(budget), *of_what[:1], *map(int, of_what[1:]))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("name", choices=("sb3", "rejax"))
+    parser.add_argument("steps", type=int)
+    parser.add_argument("env", nargs="?", default="CartPole-v1")
+    parser.add_argument("seed", nargs="?", type=int, default=0)
+    given = parser.parse_args()
+    result = rejax(given.steps) if given.name == "rejax" else sb3(given.steps, given.env, given.seed)
     seconds = time.perf_counter() - START
-    packages = {"sb3": ("stable-baselines3", "torch", "gymnasium"), "rejax": ("rejax", "gymnax", "jax")}[name]
+    packages = {"sb3": ("stable-baselines3", "torch", "gymnasium"), "rejax": ("rejax", "gymnax", "jax")}[
+        given.name
+    ]
     versions = {package: importlib.metadata.version(package) for package in packages}
     print(json.dumps({**result, "wall_seconds": seconds, "versions": versions}))

@@ -1,4 +1,4 @@
-"""Where bodies are: a centre of mass that moves, an angle, and the corners of a shape around its origin."""
+"""Positions of bodies: a moving centre of mass, an angle, and the corners of a shape around its origin."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ CENTERS = np.stack([HULL.center, LEG.center])
 
 @compiled
 def kind_of(body):
-    """0 for the lander, 1 for a leg."""
+    """Return the kind of a body: 0 for the lander, 1 for a leg."""
     return 0 if body == 0 else 1
 
 
 @compiled
 def rotated(sin, cos, x, y):
-    """A direction of the body's frame in the world."""
+    """Rotate a direction from the body's frame into the world's."""
     return cos * x - sin * y, sin * x + cos * y
 
 
 @compiled
 def placed(body, x, y):
-    """A point of the body's frame in the world."""
+    """Transform a point from the body's frame into the world's."""
     return (body.cos * x - body.sin * y) + body.px, (body.sin * x + body.cos * y) + body.py
 
 
 @compiled
 def corner(body, kind, i):
-    """Where the i-th corner is."""
+    """Return the position of the i-th corner."""
     return placed(body, VERTICES[kind, i, 0], VERTICES[kind, i, 1])
 
 
 @compiled
 def transform(body, kind_x, kind_y):
-    """Origin and rotation out of centre of mass and angle."""
+    """Compute origin and rotation from centre of mass and angle."""
     body.sin, body.cos = np.sin(body.angle), np.cos(body.angle)
     x, y = rotated(body.sin, body.cos, kind_x, kind_y)
     body.px, body.py = body.cx - x, body.cy - y
@@ -56,7 +56,7 @@ def transform(body, kind_x, kind_y):
 
 @compiled
 def integrate(body, dt):
-    """Move."""
+    """Move a body by its velocity."""
     body.cx += dt * body.vx
     body.cy += dt * body.vy
     body.angle += dt * body.spin
@@ -64,5 +64,5 @@ def integrate(body, dt):
 
 @compiled
 def clamp(x, low, high):
-    """Between two bounds."""
+    """Clip a number to two bounds."""
     return max(low, min(x, high))

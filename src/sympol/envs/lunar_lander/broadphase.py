@@ -1,4 +1,4 @@
-"""Which bodies are near to which edges: Box2D's fat boxes, which are left behind and made anew now and then."""
+"""Find bodies that are near to edges: Box2D's fat bounding boxes, renewed where a body has left its own."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from .layout import ZERO, F
 from .machine import compiled
 
 EXTENSION, AHEAD = F(0.1), F(2)
-"""Of a fat box: on all sides, and steps along the way."""
+"""The margin of a fat box on all sides, and the number of steps that it reaches ahead."""
 
 
 @compiled
 def _bounds(px, py, sin, cos, kind):
-    """The box of a body that is somewhere."""
+    """Return the bounding box of a body in a pose."""
     low_x = low_y = FARTHEST
     high_x = high_y = -FARTHEST
     for i in range(NUMBER[kind]):
@@ -26,16 +26,16 @@ def _bounds(px, py, sin, cos, kind):
 
 
 @compiled
-def fatten(body, kind):
-    """The first fat box."""
+def init_box(body, kind):
+    """Set the first fat box of a body."""
     low_x, low_y, high_x, high_y = _bounds(body.px, body.py, body.sin, body.cos, kind)
     body.low_x, body.low_y = low_x - EXTENSION, low_y - EXTENSION
     body.high_x, body.high_y = high_x + EXTENSION, high_y + EXTENSION
 
 
 @compiled
-def follow(body, kind, center_x, center_y):
-    """A new fat box, where a body has left it on the way that it swept; whether it has one."""
+def update_box(body, kind, center_x, center_y):
+    """Renew the fat box of a body whose sweep has left it; return whether it was renewed."""
     sin, cos = np.sin(body.angle0), np.cos(body.angle0)
     x, y = rotated(sin, cos, center_x, center_y)
     px, py = body.cx0 - x, body.cy0 - y
@@ -59,8 +59,8 @@ def follow(body, kind, center_x, center_y):
 
 
 @compiled
-def near(body, edge):
-    """Whether their fat boxes overlap."""
+def boxes_overlap(body, edge):
+    """Return whether the fat boxes of a body and an edge overlap."""
     return not (
         edge.low_x - body.high_x > 0
         or edge.low_y - body.high_y > 0

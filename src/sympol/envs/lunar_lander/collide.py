@@ -1,4 +1,4 @@
-"""Where a body touches an edge of the ground: the one or two points of Box2D's manifold, to the bit.
+"""Points where a body touches an edge of the ground: the one or two of Box2D's manifold, to the bit.
 
 The ground does not move, so that an edge's frame is the world's.
 """
@@ -6,18 +6,18 @@ The ground does not move, so that an edge's frame is the world's.
 from __future__ import annotations
 
 from .bodies import CENTROIDS, FARTHEST, NORMALS, NUMBER, SKIN, VERTICES, corner, kind_of, placed, rotated
-from .broadphase import near
+from .broadphase import boxes_overlap
 from .layout import CONTACTS, ONE, ZERO, F
 from .machine import compiled
 
 RADIUS = F(2) * SKIN
 RELATIVE, ABSOLUTE = F(0.98), F(0.001)
-"""A side of the body is the face only if it is this much the better one."""
+"""A side of the body is taken as the face only if it is better than the edge by this factor and offset."""
 
 
 @compiled
 def _cut(x0, y0, f0, x1, y1, f1, nx, ny, offset, index):
-    """Cut a segment at a line; how many points are left, and they."""
+    """Cut a segment at a line; return the number of points left, and the points."""
     d0 = (nx * x0 + ny * y0) - offset
     d1 = (nx * x1 + ny * y1) - offset
     if d0 <= ZERO and d1 <= ZERO:
@@ -35,13 +35,13 @@ def _cut(x0, y0, f0, x1, y1, f1, nx, ny, offset, index):
 
 @compiled
 def feature_of(index_a, index_b, face_a, face_b):
-    """What a point is made of, as one number."""
+    """Return the corner and side that make a point, as one number."""
     return index_a | index_b << 8 | face_a << 16 | face_b << 17
 
 
 @compiled
 def manifold(edge, body, kind, contact, points):
-    """Find the points where a body touches an edge, and write them down; return how many there are."""
+    """Find the points where a body touches an edge, and store them; return their number."""
     mx, my = placed(body, CENTROIDS[kind, 0], CENTROIDS[kind, 1])
     front = edge.nx * (mx - edge.x1) + edge.ny * (my - edge.y1) >= 0
     nx, ny = (edge.nx, edge.ny) if front else (-edge.nx, -edge.ny)
@@ -120,8 +120,9 @@ def manifold(edge, body, kind, contact, points):
 
 
 @compiled
-def update(landing, b, k):
-    """Look anew at a contact; impulses at points that were there stay. Return 1 where it begins, -1 where it ends."""
+def update_contact(landing, b, k):
+    """Update a contact, keeping impulses at points that were there. Return 1 where it begins, -1 where it ends, else
+    0."""
     contact, points = landing.contacts[b, k], landing.points[b, k]
     old = contact.points
     f0, n0, t0 = points[0].feature, points[0].normal, points[0].tangent
@@ -144,8 +145,8 @@ def update(landing, b, k):
 
 
 @compiled
-def told(landing, b, change):
-    """What the game hears of a contact that begins or ends: it forgets that a leg may stand on two edges."""
+def report_contact(landing, b, change):
+    """Tell the game of a contact that begins or ends; as in Gymnasium, it forgets that a leg may stand on two edges."""
     game = landing.game[0]
     if change == 0:
         return
@@ -159,11 +160,11 @@ def told(landing, b, change):
 
 
 @compiled
-def find_contacts(landing, b):
-    """Contacts with edges that a body has come near to, the newest first."""
+def add_contacts(landing, b):
+    """Add contacts with edges that a body has come near to, the newest first."""
     body = landing.bodies[b]
     for e in range(len(landing.edges)):
-        if not near(body, landing.edges[e]):
+        if not boxes_overlap(body, landing.edges[e]):
             continue
         known = False
         for k in range(body.contacts):
@@ -181,17 +182,17 @@ def find_contacts(landing, b):
 
 
 @compiled
-def look(landing, b):
-    """Look at a body's contacts; those whose boxes are apart are gone."""
+def update_contacts(landing, b):
+    """Update a body's contacts, and remove those whose boxes are apart."""
     body = landing.bodies[b]
     k = 0
     while k < body.contacts:
-        if near(body, landing.edges[landing.contacts[b, k].edge]):
-            told(landing, b, update(landing, b, k))
+        if boxes_overlap(body, landing.edges[landing.contacts[b, k].edge]):
+            report_contact(landing, b, update_contact(landing, b, k))
             k += 1
             continue
         if landing.contacts[b, k].touching:
-            told(landing, b, -1)
+            report_contact(landing, b, -1)
         for i in range(k + 1, body.contacts):
             landing.contacts[b, i - 1] = landing.contacts[b, i]
             landing.points[b, i - 1, 0] = landing.points[b, i, 0]

@@ -1,4 +1,4 @@
-"""What the ground does to a leg: Box2D's contacts, with friction and two points solved as one, to the bit."""
+"""Contacts of a leg with the ground as in Box2D, with friction and two points solved together, to the bit."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .machine import compiled, inlined
 MOST_CORRECTION = F(0.2)
 BAUMGARTE, TOI_BAUMGARTE = F(0.2), F(0.75)
 CONDITION = F(1000)
-"""Two points that are nearer to being one than this are solved as one."""
+"""The largest condition number with which two points are solved together; beyond it the second is left out."""
 
 
 @compiled
 def prepare_contact(contact, points, edge, leg):
-    """What stays as it is while velocities are solved. The leg's transform is that of its centre and angle."""
+    """Compute the constants of a contact while velocities are solved. The leg's transform fits its centre and angle."""
     contact.solved, contact.friction = contact.points, edge.friction
     if contact.of_edge:
         nx, ny, px, py = contact.nx, contact.ny, contact.px, contact.py
@@ -67,14 +67,14 @@ def warm_start(contact, points, leg):
 
 
 @inlined
-def solve_contact(hinged, leg, contact, lane):
-    """Once: velocities of a leg and impulses after friction and what it stands on have had their say.
+def solve_contact(lanes, leg, contact, lane):
+    """Solve a contact once: update the leg's velocities and the impulses of friction and of the ground.
 
-    Without a branch: many lanes take all ways, and each keeps its own.
+    There are no branches: all lanes compute all cases, and each keeps its own.
     """
     solved, nx, ny = contact.solved[lane], contact.wx[lane], contact.wy[lane]
     tx, ty = ny, -nx
-    vx, vy, w = hinged.vx[leg, lane], hinged.vy[leg, lane], hinged.spin[leg, lane]
+    vx, vy, w = lanes.vx[leg, lane], lanes.vy[leg, lane], lanes.spin[leg, lane]
     for i in range(POINTS):
         rx, ry, tangent = contact.rx[i, lane], contact.ry[i, lane], contact.tangent[i, lane]
         vt = (vx - w * ry) * tx + (vy + w * rx) * ty
@@ -128,12 +128,12 @@ def solve_contact(hinged, leg, contact, lane):
     w = w + IB * (turn1 if single else turn1 + turn2) if moved else w
     contact.normal[0, lane] = x1 if moved else a1
     contact.normal[1, lane] = x2 if moved else a2
-    hinged.vx[leg, lane], hinged.vy[leg, lane], hinged.spin[leg, lane] = vx, vy, w
+    lanes.vx[leg, lane], lanes.vy[leg, lane], lanes.spin[leg, lane] = vx, vy, w
 
 
 @compiled
 def contact_positions(contact, points, leg, baumgarte):
-    """Once: move a leg out of the ground; how deep it was."""
+    """Move a leg out of the ground once; return how deep it was."""
     deepest = ZERO
     for i in range(contact.points):
         point = points[i]

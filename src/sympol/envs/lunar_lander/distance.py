@@ -1,4 +1,4 @@
-"""How far a body is from an edge: GJK (Gilbert, Johnson and Keerthi 1988) as in Box2D, to the bit.
+"""The distance of a body from an edge: GJK (Gilbert, Johnson and Keerthi 1988) as in Box2D, to the bit.
 
 A simplex has a row for each of its vertices: the end of the edge, the corner of the body, their difference, and its
 part of the nearest point; ``index`` says which end and which corner.
@@ -14,12 +14,12 @@ from .machine import compiled
 
 EPSILON = F(np.finfo(np.float32).eps)
 SUPPORTS = 20
-"""Iterations, at most."""
+"""The most iterations."""
 
 
 @compiled
 def at_corner(kind, i, at):
-    """A corner of the body."""
+    """Return the position of a corner of the body."""
     px, py, sin, cos = at
     x, y = VERTICES[kind, i, 0], VERTICES[kind, i, 1]
     return (cos * x - sin * y) + px, (sin * x + cos * y) + py
@@ -27,13 +27,13 @@ def at_corner(kind, i, at):
 
 @compiled
 def edge_support(ends, dx, dy):
-    """The end of the edge that is farthest in a direction."""
+    """Return the end of the edge that is farthest in a direction."""
     return 1 if ends[1, 0] * dx + ends[1, 1] * dy > ends[0, 0] * dx + ends[0, 1] * dy else 0
 
 
 @compiled
 def body_support(kind, dx, dy):
-    """The corner that is farthest in a direction of the body's frame."""
+    """Return the corner that is farthest in a direction of the body's frame."""
     best, most = 0, VERTICES[kind, 0, 0] * dx + VERTICES[kind, 0, 1] * dy
     for i in range(1, NUMBER[kind]):
         value = VERTICES[kind, i, 0] * dx + VERTICES[kind, i, 1] * dy
@@ -53,7 +53,7 @@ def _vertex(simplex, index, i, a, b, ends, kind, at):
 
 @compiled
 def _metric(simplex, count):
-    """Length or area, by which one sees whether a simplex is still the same."""
+    """Return the length or area of a simplex, which tells whether it is still the same."""
     if count < 2:
         return ZERO
     ux, uy = simplex[1, 4] - simplex[0, 4], simplex[1, 5] - simplex[0, 5]
@@ -66,7 +66,7 @@ def _metric(simplex, count):
 
 @compiled
 def _move(simplex, index, to, of):
-    """One vertex in another's place."""
+    """Copy one vertex to another's place."""
     for i in range(7):
         simplex[to, i] = simplex[of, i]
     index[to, 0], index[to, 1] = index[of, 0], index[of, 1]
@@ -74,7 +74,7 @@ def _move(simplex, index, to, of):
 
 @compiled
 def _solve2(simplex, index):
-    """The part of a segment that is nearest to the origin; how many vertices it takes."""
+    """Find the part of a segment that is nearest to the origin; return its number of vertices."""
     w1x, w1y, w2x, w2y = simplex[0, 4], simplex[0, 5], simplex[1, 4], simplex[1, 5]
     ex, ey = w2x - w1x, w2y - w1y
     d2 = -(w1x * ex + w1y * ey)
@@ -93,7 +93,7 @@ def _solve2(simplex, index):
 
 @compiled
 def _solve3(simplex, index):
-    """The part of a triangle that is nearest to the origin; how many vertices it takes."""
+    """Find the part of a triangle that is nearest to the origin; return its number of vertices."""
     w1x, w1y, w2x, w2y = simplex[0, 4], simplex[0, 5], simplex[1, 4], simplex[1, 5]
     w3x, w3y = simplex[2, 4], simplex[2, 5]
     ex, ey = w2x - w1x, w2y - w1y
@@ -136,7 +136,7 @@ def _solve3(simplex, index):
 
 @compiled
 def distance(simplex, index, count, metric, ends, kind, at):
-    """Between cores, without skins. Return it, and of the last simplex its count and metric."""
+    """Return the distance between the shapes without their skins, and count and metric of the last simplex."""
     for i in range(count):
         _vertex(simplex, index, i, index[i, 0], index[i, 1], ends, kind, at)
         simplex[i, 6] = ZERO

@@ -57,9 +57,9 @@ class LunarLanderEngine:
         seeds: UInt64[ndarray, " episodes"],
     ) -> tuple[Float64[ndarray, " episodes"], Int32[ndarray, " episodes"]]:
         """See `NativeEngine.play`."""
-        from .batch import engines, fly
+        from .batch import engine_power, rollout
 
-        return fly(trees, engines(actions), tree_of, seeds)
+        return rollout(trees, engine_power(actions), tree_of, seeds)
 
     def play_similar(
         self,
@@ -68,9 +68,9 @@ class LunarLanderEngine:
         seeds: UInt64[ndarray, " episodes"],
     ) -> tuple[Float64[ndarray, "trees episodes"], Int32[ndarray, "trees episodes"], int]:
         """See `NativeEngine.play_similar`."""
-        from .batch import engines, fly_changed
+        from .batch import engine_power, rollout_similar
 
-        return fly_changed(trees, engines(actions), seeds)
+        return rollout_similar(trees, engine_power(actions), seeds)
 
     def observe(
         self,
@@ -79,9 +79,9 @@ class LunarLanderEngine:
         seeds: UInt64[ndarray, " episodes"],
     ) -> Float32[ndarray, "steps features"]:
         """See `NativeEngine.observe`."""
-        from .batch import engines, watch
+        from .batch import engine_power, observe
 
-        return watch(trees, engines(actions), seeds)
+        return observe(trees, engine_power(actions), seeds)
 
 
 ENGINE = LunarLanderEngine()
@@ -91,7 +91,7 @@ class NativeEnvs:
     """``num_envs`` landers, each restarted when its episode ends; see `sympol.envs.capabilities.VectorEnvs`."""
 
     def __init__(self, num_envs: int):
-        self._num_envs, self._flights = num_envs, None
+        self._num_envs, self._copies = num_envs, None
 
     @property
     def num_envs(self) -> int:
@@ -110,10 +110,10 @@ class NativeEnvs:
             MissingExtra: Numba is not installed.
         """
         ENGINE.require_installed()
-        from .batch import Flights
+        from .batch import Copies
 
-        self._flights = Flights(np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint64))
-        return self._flights.observation.copy()
+        self._copies = Copies(np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint64))
+        return self._copies.observation.copy()
 
     def step(
         self,
@@ -122,19 +122,19 @@ class NativeEnvs:
         max_steps: int | None = None,
     ) -> tuple[Step, Float32[ndarray, "envs features"]]:
         """Take one step in every copy, or in those ``wanted``; ``max_steps`` is ignored. See `VectorEnvs.step`."""
-        assert self._flights is not None, "reset() comes first"
-        from .batch import engines
+        assert self._copies is not None, "reset() comes first"
+        from .batch import engine_power
 
         every = np.ones(self.num_envs, bool) if wanted is None else wanted
-        moved = self._flights.step(engines(np.asarray(actions)), every)
+        result = self._copies.step(engine_power(np.asarray(actions)), every)
         step: Any = (
-            moved.observation,
-            moved.reward.astype(np.float32),
-            moved.terminated,
-            moved.truncated,
+            result.observation,
+            result.reward.astype(np.float32),
+            result.terminated,
+            result.truncated,
         )  # NumPy's arrays, not JAX's
-        return Step(*step), self._flights.observation.copy()
+        return Step(*step), self._copies.observation.copy()
 
     def close(self) -> None:
         """Release the copies."""
-        self._flights = None
+        self._copies = None

@@ -12,10 +12,10 @@ from .shapes import FPS, HULL, LEG, LEG_AWAY, LEG_DOWN, LEG_SIDES
 DT = F(1 / FPS)
 MA, MB, IA, IB = HULL.inverse_mass, LEG.inverse_mass, HULL.inverse_inertia, LEG.inverse_inertia
 ANCHOR_A = (ZERO - HULL.center[0], ZERO - HULL.center[1])
-"""Of the joints, from the lander's centre of mass."""
+"""Positions of the joints, from the lander's centre of mass."""
 ANCHOR_B = np.array([[F(side * LEG_AWAY), F(LEG_DOWN)] for side in LEG_SIDES], np.float32) - LEG.center
 SPEED = np.array([0.3 * side for side in LEG_SIDES], np.float32)
-"""Of the motors that push the legs out."""
+"""Speeds of the motors that push the legs out."""
 MOST_TORQUE = DT * F(40)
 LOWER, UPPER = np.array([0.9 - 0.5, -0.9], np.float32), np.array([0.9, -0.9 + 0.5], np.float32)
 MOTOR_MASS = ONE / (IA + IB)
@@ -27,7 +27,7 @@ MOST_ANGULAR_CORRECTION = F(8) / F(180) * F(3.14159265359)
 
 @compiled
 def prepare_joint(joint, j, lander, leg):
-    """What stays as it is while velocities are solved; apply last step's impulses."""
+    """Compute the constants of a joint while velocities are solved, and apply the last step's impulses."""
     ax, ay = rotated(np.sin(lander.angle), np.cos(lander.angle), ANCHOR_A[0], ANCHOR_A[1])
     bx, by = rotated(np.sin(leg.angle), np.cos(leg.angle), ANCHOR_B[j, 0], ANCHOR_B[j, 1])
     joint.ax, joint.ay, joint.bx, joint.by = ax, ay, bx, by
@@ -58,21 +58,21 @@ def prepare_joint(joint, j, lander, leg):
 
 
 @inlined
-def solve_joint(hinged, j, lane, ax, ay, aw, bx, by, bw):
-    """Once: velocities of the lander and of a leg after motor, limit and hinge have had their say.
+def solve_joint(lanes, j, lane, ax, ay, aw, bx, by, bw):
+    """Solve a joint once: return the velocities of the lander and of a leg after motor, limit and hinge.
 
-    Without a branch: many lanes take both ways, and each keeps its own.
+    There are no branches: all lanes compute all cases, and each keeps its own.
     """
-    kxx, kxy, kyy = hinged.kxx[j, lane], hinged.kxy[j, lane], hinged.kyy[j, lane]
-    kxz, kyz, kzz = hinged.kxz[j, lane], hinged.kyz[j, lane], hinged.kzz[j, lane]
+    kxx, kxy, kyy = lanes.kxx[j, lane], lanes.kxy[j, lane], lanes.kyy[j, lane]
+    kxz, kyz, kzz = lanes.kxz[j, lane], lanes.kyz[j, lane], lanes.kzz[j, lane]
     arm_ax, arm_ay, arm_bx, arm_by = (
-        hinged.ax[j, lane],
-        hinged.ay[j, lane],
-        hinged.bx[j, lane],
-        hinged.by[j, lane],
+        lanes.ax[j, lane],
+        lanes.ay[j, lane],
+        lanes.bx[j, lane],
+        lanes.by[j, lane],
     )
-    det2, det3, limit = hinged.det2[j, lane], hinged.det3[j, lane], hinged.limit[j, lane]
-    iz, motor = hinged.iz[j, lane], hinged.motor[j, lane]
+    det2, det3, limit = lanes.det2[j, lane], lanes.det3[j, lane], lanes.limit[j, lane]
+    iz, motor = lanes.iz[j, lane], lanes.motor[j, lane]
     now = clamp(motor + -MOTOR_MASS * (bw - aw - SPEED[j]), -MOST_TORQUE, MOST_TORQUE)
     impulse = now - motor
     aw -= IA * impulse
@@ -107,16 +107,16 @@ def solve_joint(hinged, j, lane, ax, ay, aw, bx, by, bw):
     ay -= MA * py
     bx += MB * px
     by += MB * py
-    hinged.ix[j, lane] += px
-    hinged.iy[j, lane] += py
-    hinged.iz[j, lane] = iz if free else ZERO if loose else total
-    hinged.motor[j, lane] = now
+    lanes.ix[j, lane] += px
+    lanes.iy[j, lane] += py
+    lanes.iz[j, lane] = iz if free else ZERO if loose else total
+    lanes.motor[j, lane] = now
     return ax, ay, aw, bx, by, bw
 
 
 @compiled
 def joint_positions(j, lander, leg, limit):
-    """Once: move the lander and a leg to where the hinge holds; whether it nearly did."""
+    """Move the lander and a leg once to where the hinge holds them; return whether they were near enough."""
     off = ZERO
     if limit != 0:
         angle = leg.angle - lander.angle - REFERENCE[j]

@@ -1,6 +1,6 @@
-"""The game: how an episode begins, what engines do, what is seen and what it is worth. As in Gymnasium, to the bit.
+"""The game: starts, engines, observations and rewards, as in Gymnasium, to the bit.
 
-Chance is a generator of its own, so that an episode is a number: the same one is the same everywhere.
+Random numbers are from a generator of its own, so that a seed is one episode: the same number is the same everywhere.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from .bodies import CENTERS, SKIN, kind_of
-from .broadphase import EXTENSION, fatten
+from .broadphase import EXTENSION, init_box
 from .joints import IA, MA
-from .layout import LANES, ONE, ZERO, F, one
+from .layout import LANES, ONE, ZERO, F, landing_at
 from .machine import compiled
 from .shapes import CHUNKS, EDGES, FPS, HEIGHT, LEG_AWAY, LEG_DOWN, LEG_SIDES, SCALE, WIDTH
 from .velocities import solve_velocities
@@ -20,13 +20,13 @@ from .world import begin_step, end_step
 
 FEATURES = 8
 LIMIT = 1000
-"""Steps."""
+"""Number of steps after which an episode is truncated."""
 TINY = np.finfo(np.float32).smallest_normal
-"""What is nearer to zero than this is zero in all that is observed here."""
+"""Observations nearer to zero than this are zero."""
 MAIN_POWER, SIDE_POWER = 13.0, 0.6
 MAIN_Y, SIDE_AWAY, SIDE_HEIGHT, SIDE_DOWN = 4.0, 12.0, 14.0, 17.0
 INITIAL = 1000.0
-"""Force of the first push, at most, in newtons."""
+"""The largest force of the first push, in newtons."""
 PAD = HEIGHT / 4
 """Height of the ground between the flags."""
 _GOLDEN, _MIX1, _MIX2 = (
@@ -39,8 +39,8 @@ ROUGH, SMOOTH = np.sqrt(F(0.2) * F(0.2)), np.sqrt(F(0.1) * F(0.2))
 
 
 @compiled
-def draw(game):
-    """A float64 in [0, 1): SplitMix64 (Steele, Lea and Flood 2014)."""
+def random_float(game):
+    """Draw a float64 in [0, 1): SplitMix64 (Steele, Lea and Flood 2014)."""
     game.random += _GOLDEN
     z = game.random
     z = (z ^ (z >> np.uint64(30))) * _MIX1
@@ -51,12 +51,12 @@ def draw(game):
 
 @compiled
 def uniform(game, low, high):
-    """Between two bounds."""
-    return low + (high - low) * draw(game)
+    """Draw a number between two bounds."""
+    return low + (high - low) * random_float(game)
 
 
 @compiled
-def _lay(edge, x1, y1, x2, y2, friction):
+def _place_edge(edge, x1, y1, x2, y2, friction):
     edge.x1, edge.y1, edge.x2, edge.y2, edge.friction = F(x1), F(y1), F(x2), F(y2), friction
     dx, dy = edge.x2 - edge.x1, edge.y2 - edge.y1
     part = ONE / np.sqrt(dx * dx + dy * dy)
@@ -67,9 +67,9 @@ def _lay(edge, x1, y1, x2, y2, friction):
 
 
 @compiled
-def start(landings, at, seed, observation, room):
-    """Begin an episode, and write down what is seen first."""
-    landing = one(landings, at)
+def start(landings, at, seed, observation, lanes):
+    """Start an episode, and store the first observation."""
+    landing = landing_at(landings, at)
     game, bodies, edges = landing.game[0], landing.bodies, landing.edges
     game.random = np.uint64(seed)
     game.begun, game.crashed, game.left, game.right, game.time = 0, 0, 0, 0, 0
@@ -81,10 +81,10 @@ def start(landings, at, seed, observation, room):
     smooth = np.empty(CHUNKS)
     for i in range(CHUNKS):
         smooth[i] = 0.33 * (height[i - 1] + height[i] + height[i + 1])
-    _lay(edges[0], 0.0, 0.0, WIDTH, 0.0, ROUGH)
+    _place_edge(edges[0], 0.0, 0.0, WIDTH, 0.0, ROUGH)
     for i in range(1, EDGES):
         step = WIDTH / (CHUNKS - 1)
-        _lay(edges[i], step * (i - 1), smooth[i - 1], step * i, smooth[i], SMOOTH)
+        _place_edge(edges[i], step * (i - 1), smooth[i - 1], step * i, smooth[i], SMOOTH)
     force_x, force_y = F(uniform(game, -INITIAL, INITIAL)), F(uniform(game, -INITIAL, INITIAL))
     for b in range(3):
         body = bodies[b]
@@ -96,41 +96,40 @@ def start(landings, at, seed, observation, room):
         body.cx = (body.cos * mx - body.sin * my) + body.px
         body.cy = (body.sin * mx + body.cos * my) + body.py
         body.vx, body.vy, body.spin, body.sleep, body.contacts = ZERO, ZERO, ZERO, ZERO, 0
-        fatten(body, kind)
+        init_box(body, kind)
     for j in range(2):
         joint = landing.joints[j]
         joint.ix, joint.iy, joint.iz, joint.motor, joint.limit = ZERO, ZERO, ZERO, ZERO, 0
-    _fire(landing, 0.0, 0.0)
+    _fire_engines(landing, 0.0, 0.0)
     begin_step(landing, force_x, force_y)
-    solve_velocities(landings, np.array([at]), room)
-    _finish(landing, 0.0, 0.0, observation, room)
+    solve_velocities(landings, np.array([at]), lanes)
+    _finish_step(landing, 0.0, 0.0, observation, lanes)
     game.time = 0
 
 
 @compiled
-def step(landings, which, power, observation, reward, over, room):
-    """One step of some landings; ``which`` are their numbers, and rows of all else.
+def step(landings, which, power, observation, reward, ends, lanes):
+    """Take one step of some landings; ``which`` are their numbers, and the rows of all arrays.
 
-    Engines push, all moves, and what is seen then is written down, what it is worth, and whether the episode is
-    terminated or truncated. ``power`` is that of the main engine, 0 or 0.5 to 1, and that of a side engine, negative
-    for the left one.
+    Stores observations, rewards, and in ``ends`` whether an episode is terminated or truncated. ``power`` is that of
+    the main engine, 0 or 0.5 to 1, and that of a side engine, negative for the left one.
     """
     for at in which:
-        landing = one(landings, at)
-        _fire(landing, power[at, 0], power[at, 1])
+        landing = landing_at(landings, at)
+        _fire_engines(landing, power[at, 0], power[at, 1])
         begin_step(landing, ZERO, ZERO)
-    order = _in_the_air_first(landings, which)
+    order = _airborne_first(landings, which)
     for i in range(0, len(order), LANES):
-        solve_velocities(landings, order[i : i + LANES], room)
+        solve_velocities(landings, order[i : i + LANES], lanes)
     for at in which:
-        reward[at], over[at, 0], over[at, 1] = _finish(
-            one(landings, at), power[at, 0], power[at, 1], observation[at], room
+        reward[at], ends[at, 0], ends[at, 1] = _finish_step(
+            landing_at(landings, at), power[at, 0], power[at, 1], observation[at], lanes
         )
 
 
 @compiled
-def _in_the_air_first(landings, which):
-    """Those that stand are solved for longer, and so by themselves."""
+def _airborne_first(landings, which):
+    """Sort landings on the ground to the end: they take longer to solve, and so are solved together."""
     order, first, last = np.empty(len(which), np.int64), 0, len(which)
     for at in which:
         if landings.game[at, 0].left or landings.game[at, 0].right:
@@ -143,8 +142,8 @@ def _in_the_air_first(landings, which):
 
 
 @compiled
-def _fire(landing, main, side):
-    """Engines push."""
+def _fire_engines(landing, main, side):
+    """Apply the impulses of the engines."""
     game, lander = landing.game[0], landing.bodies[0]
     tip_x, tip_y = math.sin(np.float64(lander.angle)), math.cos(np.float64(lander.angle))
     side_x, side_y = -tip_y, tip_x
@@ -152,7 +151,9 @@ def _fire(landing, main, side):
     if main > 0:
         ox = tip_x * (MAIN_Y / SCALE + 2 * d0) + side_x * d1
         oy = -tip_y * (MAIN_Y / SCALE + 2 * d0) - side_y * d1
-        _push(lander, -ox * MAIN_POWER * main, -oy * MAIN_POWER * main, lander.px + ox, lander.py + oy)
+        _apply_impulse(
+            lander, -ox * MAIN_POWER * main, -oy * MAIN_POWER * main, lander.px + ox, lander.py + oy
+        )
     power = abs(side)
     if power > 0:
         direction = 1.0 if side > 0 else -1.0
@@ -160,13 +161,13 @@ def _fire(landing, main, side):
         oy = -tip_y * d0 - side_y * (3 * d1 + direction * SIDE_AWAY / SCALE)
         x = lander.px + ox - tip_x * SIDE_DOWN / SCALE
         y = lander.py + oy + tip_y * SIDE_HEIGHT / SCALE
-        _push(lander, -ox * SIDE_POWER * power, -oy * SIDE_POWER * power, x, y)
+        _apply_impulse(lander, -ox * SIDE_POWER * power, -oy * SIDE_POWER * power, x, y)
 
 
 @compiled
-def _finish(landing, main, side, observation, room):
-    """All moves. Write down what is seen then; return reward, terminated and truncated."""
-    asleep = end_step(landing, room)
+def _finish_step(landing, main, side, observation, lanes):
+    """Move everything and store the observation; return reward, terminated and truncated."""
+    asleep = end_step(landing, lanes)
     game, lander = landing.game[0], landing.bodies[0]
     half = WIDTH / 2
     x = (np.float64(lander.px) - half) / half
@@ -198,8 +199,8 @@ def _finish(landing, main, side, observation, room):
 
 
 @compiled
-def _push(body, ix, iy, x, y):
-    """An impulse at a point."""
+def _apply_impulse(body, ix, iy, x, y):
+    """Apply an impulse at a point."""
     ix, iy, rx, ry = F(ix), F(iy), F(x) - body.cx, F(y) - body.cy
     body.vx += MA * ix
     body.vy += MA * iy

@@ -1,4 +1,4 @@
-"""How a landing is held: records of float32, a row for each body, joint and contact.
+"""The memory of a landing: records of float32, a row for each body, joint and contact.
 
 Scalars of NumPy stand here so that compiled code has them as float32; a bare ``0.5`` there would be float64.
 """
@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .machine import compiled, lent
+from .machine import borrowed, compiled
 from .shapes import BODIES, EDGES
 
 F = np.float32
 ZERO, HALF, ONE = F(0), F(0.5), F(1)
 CONTACTS = 6
-"""Edges at most that a body can be near to."""
+"""The most edges that a body can be near to."""
 POINTS = 2
-"""Of a contact."""
+"""The most points of a contact."""
 LANES = 16
-"""Landings whose velocities are solved side by side: what a processor does with one number it does with several."""
+"""Number of landings whose velocities are solved side by side, by instructions that take several numbers at once."""
 
 BODY = np.dtype(
     [
@@ -85,13 +85,13 @@ GAME = np.dtype(
         ("time", "i4"),
     ]
 )
-HINGED = np.dtype(
+JOINT_LANES = np.dtype(
     [
         *((name, "f4", (BODIES, LANES)) for name in ("vx", "vy", "spin")),
         *((name, kind, (BODIES - 1, LANES)) for name, kind in _HINGE),
     ]
 )
-STANDING = np.dtype(
+CONTACT_LANES = np.dtype(
     [
         *((name, kind, (LANES,)) for name, kind in _SOLVED),
         *((name, kind, (POINTS, LANES)) for name, kind in _PUSHED),
@@ -100,7 +100,7 @@ STANDING = np.dtype(
 
 
 class Landing(NamedTuple):
-    """One episode."""
+    """The state of one episode, or with a leading axis of several."""
 
     bodies: Any
     """`BODY` [3]: the lander and its legs."""
@@ -116,8 +116,8 @@ class Landing(NamedTuple):
     """`GAME` [1]"""
 
 
-def landings(number: int) -> Landing:
-    """Room for some episodes; `start` begins each."""
+def allocate_landings(number: int) -> Landing:
+    """Allocate the memory for some episodes; `start` begins each."""
     return Landing(
         np.zeros((number, BODIES), BODY),
         np.zeros((number, BODIES - 1), JOINT),
@@ -129,47 +129,47 @@ def landings(number: int) -> Landing:
 
 
 @compiled
-def lent_landings(held):
-    """See `machine.lent`."""
+def borrowed_landings(landings):
+    """Return the landings, borrowed; see `machine.borrowed`."""
     return Landing(
-        lent(held.bodies),
-        lent(held.joints),
-        lent(held.contacts),
-        lent(held.points),
-        lent(held.edges),
-        lent(held.game),
+        borrowed(landings.bodies),
+        borrowed(landings.joints),
+        borrowed(landings.contacts),
+        borrowed(landings.points),
+        borrowed(landings.edges),
+        borrowed(landings.game),
     )
 
 
 @compiled
-def one(all_landings, at):
-    """One of them."""
+def landing_at(landings, at):
+    """Return one of several landings."""
     return Landing(
-        all_landings.bodies[at],
-        all_landings.joints[at],
-        all_landings.contacts[at],
-        all_landings.points[at],
-        all_landings.edges[at],
-        all_landings.game[at],
+        landings.bodies[at],
+        landings.joints[at],
+        landings.contacts[at],
+        landings.points[at],
+        landings.edges[at],
+        landings.game[at],
     )
 
 
-class Abreast(NamedTuple):
-    """What of some landings velocities are solved from, and what changes then; each number stands beside those of the
-    other landings."""
+class Lanes(NamedTuple):
+    """The numbers from which velocities of up to `LANES` landings are solved; each stands beside those of the other
+    landings."""
 
-    hinged: Any
-    """`HINGED` [1]: bodies and joints."""
-    standing: Any
-    """`STANDING` [2, contacts]: the n-th contact of each leg that touches the ground."""
+    joints: Any
+    """`JOINT_LANES` [1]: bodies and joints."""
+    contacts: Any
+    """`CONTACT_LANES` [2, contacts]: the n-th contact of each leg that touches the ground."""
 
 
-def abreast() -> Abreast:
-    """Room for `LANES` landings."""
-    return Abreast(np.zeros(1, HINGED), np.zeros((BODIES - 1, CONTACTS), STANDING))
+def allocate_lanes() -> Lanes:
+    """Allocate the memory for `LANES` landings."""
+    return Lanes(np.zeros(1, JOINT_LANES), np.zeros((BODIES - 1, CONTACTS), CONTACT_LANES))
 
 
 @compiled
-def lent_abreast(held):
-    """See `machine.lent`."""
-    return Abreast(lent(held.hinged), lent(held.standing))
+def borrowed_lanes(lanes):
+    """Return the lanes, borrowed; see `machine.borrowed`."""
+    return Lanes(borrowed(lanes.joints), borrowed(lanes.contacts))

@@ -1,7 +1,7 @@
-"""Machine code, made by Numba of plain Python functions and kept on disk.
+"""Machine code that Numba compiles of plain Python functions and keeps on disk.
 
-Numba looks at the file of a function to see whether what it kept is stale, and not at those of the functions that it
-calls. So the place is named after all files of this package.
+Numba recompiles a function whose own file has changed, but not one that calls functions of a changed file. So the
+folder of the cache is named after a hash of all files of this package.
 """
 
 from __future__ import annotations
@@ -33,20 +33,23 @@ _config: Any = numba.core.config
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """The function as machine code, made when it is first called: float32 stays float32, nothing is reordered, and a
-    division by zero is none of Python's affairs. Others may run meanwhile."""
-    kept, _config.CACHE_DIR = _config.CACHE_DIR, _FOLDER
+    """Compile a function when it is first called.
+
+    float32 stays float32, operations are not reordered, a division by zero raises nothing, and other threads may run
+    meanwhile.
+    """
+    before, _config.CACHE_DIR = _config.CACHE_DIR, _FOLDER
     try:
         dispatcher: Any = njit(cache=bool(_FOLDER), error_model="numpy", nogil=True)(function)
     finally:
-        _config.CACHE_DIR = kept
+        _config.CACHE_DIR = before
     if _FOLDER:
-        _keep_if_possible(dispatcher._cache)
+        _ignore_disk_errors(dispatcher._cache)
     return dispatcher
 
 
-def _keep_if_possible(cache: Any) -> None:
-    """A disk that has become full, or was taken away, is no reason not to run what has been compiled."""
+def _ignore_disk_errors(cache: Any) -> None:
+    """Make a cache ignore errors of the disk, because what is compiled can run without being kept."""
 
     def forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any) -> Any:
@@ -60,12 +63,11 @@ def _keep_if_possible(cache: Any) -> None:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """As `compiled`, and written into whoever calls it: only then a loop around the call can take several numbers at a
-    time."""
+    """Compile a function into its callers, so that a loop around the call can take several numbers at a time."""
     return njit(error_model="numpy", inline="always")(function)
 
 
-def _lent(typing_context: Any, array: Any) -> Any:
+def _borrowed(typing_context: Any, array: Any) -> Any:
     def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         view = context.make_array(signature.args[0])(context, builder, arguments[0])
         view.meminfo = get_null_value(view.meminfo.type)
@@ -75,6 +77,6 @@ def _lent(typing_context: Any, array: Any) -> Any:
     return array(array), code
 
 
-lent: Any = intrinsic(_lent)
-"""The same array, without a count of who holds it: Numba counts at every look into one, atomically, which took two
-fifths of a step. Who lends an array has to hold it meanwhile: only what was made in Python may be lent."""
+borrowed: Any = intrinsic(_borrowed)
+"""The same array without a reference count, which Numba updates atomically at every access; that took two fifths of a
+step. The owner must keep the array alive meanwhile, so only arrays made in Python may be borrowed."""

@@ -1,4 +1,4 @@
-"""What flies, as Box2D 2.3 sees it: convex polygons of float32, and what they weigh.
+"""The shapes of the lander and its legs as in Box2D 2.3: convex polygons of float32, and their masses.
 
 Lengths are metres, angles radians, masses kilograms. The numbers are Gymnasium's (`LunarLander-v3`).
 """
@@ -13,7 +13,7 @@ from jaxtyping import Float32
 FPS, SCALE = 50, 30.0
 WIDTH, HEIGHT = 600 / SCALE, 400 / SCALE
 CHUNKS = 11
-"""Points of the ground; between two neighbours lies an edge, and below all of them a level one."""
+"""Number of points of the ground; between two neighbours lies an edge, and below all of them a level one."""
 EDGES = CHUNKS
 LEG_AWAY, LEG_DOWN = 20 / SCALE, 18 / SCALE
 LEG_SIDES = (-1, 1)
@@ -22,7 +22,7 @@ BODIES = 3
 
 
 class Solid(NamedTuple):
-    """A convex polygon and what it weighs."""
+    """A convex polygon and its mass."""
 
     vertices: Float32[np.ndarray, "vertices 2"]
     """Counterclockwise, around the origin of the body."""
@@ -30,7 +30,7 @@ class Solid(NamedTuple):
     """Outwards, of the side that begins at the vertex."""
     centroid: Float32[np.ndarray, " 2"]
     center: Float32[np.ndarray, " 2"]
-    """Of its mass: the centroid, rounded otherwise."""
+    """Centre of mass: the centroid, rounded in another way."""
     inverse_mass: np.float32
     inverse_inertia: np.float32
     """About the centre of mass."""
@@ -40,7 +40,7 @@ class Solid(NamedTuple):
 def solid(
     vertices: Float32[np.ndarray, "vertices 2"], density: float, friction: float, *, is_box: bool
 ) -> Solid:
-    """Weigh a polygon by its triangles around the mean of its vertices, rounding as Box2D does."""
+    """Compute the mass of a polygon by its triangles around the mean of its vertices, rounding as Box2D does."""
     one = np.float32(1)
     following = np.roll(vertices, -1, axis=0)
     side = following - vertices
@@ -72,7 +72,7 @@ def solid(
 
 
 def _centroid(vertices: Float32[np.ndarray, "vertices 2"]) -> Float32[np.ndarray, " 2"]:
-    """By triangles from the origin."""
+    """Return the centroid, by triangles from the origin."""
     third, area, center = np.float32(1) / np.float32(3), np.float32(0), np.zeros(2, np.float32)
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
         triangle = np.float32(0.5) * (a[0] * b[1] - a[1] * b[0])

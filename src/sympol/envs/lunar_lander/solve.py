@@ -1,5 +1,5 @@
-"""A step of all that hangs together, before and after its velocities are solved; and the rest of a step of a leg that
-comes to the ground within it. As Box2D, to the bit."""
+"""A step of the jointed bodies before and after their velocities are solved, and the rest of a step of a leg that
+reaches the ground within it; as Box2D, to the bit."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ TIME_TO_SLEEP, SLEEPY, SLEEPY_SPIN = F(0.5), F(0.01), F(2) / F(180) * F(3.141592
 
 
 @compiled
-def prepare(landing, force_x, force_y):
-    """What a step begins with: forces, and what the last step's impulses do."""
+def prepare_step(landing, force_x, force_y):
+    """Begin a step: apply forces and the last step's impulses."""
     bodies, joints, contacts, points = landing.bodies, landing.joints, landing.contacts, landing.points
     for b in range(3):
         body = bodies[b]
@@ -42,8 +42,8 @@ def prepare(landing, force_x, force_y):
 
 
 @compiled
-def settle(landing):
-    """What a step ends with, when velocities are solved: all moves; whether the lander fell asleep."""
+def solve_positions(landing):
+    """End a step whose velocities are solved: move the bodies; return whether the lander fell asleep."""
     bodies, joints, contacts, points = landing.bodies, landing.joints, landing.contacts, landing.points
     for b in range(3):
         integrate(bodies[b], DT)
@@ -78,9 +78,9 @@ def settle(landing):
 
 
 @compiled
-def solve_impact(landing, b, first, dt, room):
-    """The rest of a step of a leg that has just come to the ground, by itself. Its contacts are solved from the first
-    one on that is given."""
+def solve_impact(landing, b, first, dt, lanes):
+    """Solve the rest of a step of a leg that has just reached the ground, by itself, beginning with contact
+    ``first``."""
     body, contacts, points = landing.bodies[b], landing.contacts[b], landing.points[b]
     order = np.array([first, *[k for k in range(body.contacts) if k != first]])
     for _ in range(TOI_POSITION_ITERATIONS):
@@ -99,7 +99,7 @@ def solve_impact(landing, b, first, dt, room):
             points[k, i].normal, points[k, i].tangent = ZERO, ZERO
         if contacts[k].touching:
             prepare_contact(contacts[k], points[k], landing.edges[contacts[k].edge], body)
-    solve_alone(body, contacts, points, order, room)
+    solve_alone(body, contacts, points, order, lanes)
     for k in range(body.contacts):
         for i in range(2):
             points[k, i].normal, points[k, i].tangent = kept[k, i, 0], kept[k, i, 1]

@@ -1,4 +1,5 @@
-"""When, within a step, a body comes to an edge: Box2D's conservative advancement over separating axes, to the bit."""
+"""The time within a step at which a body reaches an edge: Box2D's conservative advancement over separating axes, to the
+bit."""
 
 from __future__ import annotations
 
@@ -14,21 +15,21 @@ from .layout import HALF, ONE, ZERO, F
 from .machine import compiled
 
 TARGET = max(SLOP, RADIUS - F(3) * SLOP)
-"""How near they come at the time of impact."""
+"""Distance of body and edge at the time of impact."""
 TOLERANCE = F(0.25) * SLOP
 TWO_PI = F(2) * F(3.14159265359)
 AXES, PUSHES, ROOTS = 20, 16, 50
-"""Iterations at most: of separating axes, of deepest points along one, of its root."""
+"""The most iterations: over separating axes, over deepest points along one, and of its root search."""
 POINTS, EDGE_FACE, BODY_FACE = 0, 1, 2
-"""What a separating axis is made of."""
+"""Kinds of separating axes, by what makes them."""
 NEAR = TARGET + F(2) * TOLERANCE
 REACH = F(0.8)
-"""From the centre of mass to the farthest corner, at most."""
+"""The largest distance from the centre of mass to a corner."""
 
 
 @compiled
 def pose(sweep, beta):
-    """Origin and rotation at a part of a sweep, which is start, end and centre of mass."""
+    """Return origin and rotation at a part of a sweep, which is start, end and centre of mass."""
     cx0, cy0, angle0, cx, cy, angle, mx, my = sweep
     turn = (ONE - beta) * angle0 + beta * angle
     sin, cos = np.sin(turn), np.cos(turn)
@@ -38,7 +39,7 @@ def pose(sweep, beta):
 
 @compiled
 def _unit(x, y):
-    """A direction of length one, unless it has none."""
+    """Scale a direction to length one, unless it is zero."""
     length = np.sqrt(x * x + y * y)
     if length < EPSILON:
         return x, y
@@ -48,7 +49,7 @@ def _unit(x, y):
 
 @compiled
 def _axis(simplex, index, count, ends, kind, at):
-    """What separates them: its kind, the axis in the frame of its face, and a point of that face."""
+    """Return the separating axis: its kind, the axis in the frame of its face, and a point of that face."""
     px, py, sin, cos = at
     if count == 1:
         x, y = at_corner(kind, index[0, 1], at)
@@ -75,7 +76,7 @@ def _axis(simplex, index, count, ends, kind, at):
 
 @compiled
 def _deepest(axis, ends, kind, at):
-    """The end and the corner that are deepest along an axis."""
+    """Return the end and the corner that are deepest along an axis."""
     face, ax, ay, _, _ = axis
     _, _, sin, cos = at
     if face == BODY_FACE:
@@ -87,7 +88,7 @@ def _deepest(axis, ends, kind, at):
 
 @compiled
 def _separation(axis, a, b, ends, kind, at):
-    """Along an axis, of an end and a corner."""
+    """Return the separation of an end and a corner along an axis."""
     face, ax, ay, mx, my = axis
     px, py, sin, cos = at
     if face == BODY_FACE:
@@ -101,8 +102,8 @@ def _separation(axis, a, b, ends, kind, at):
 
 
 @compiled
-def _never(edge, kind, sweep):
-    """Whether they stay too far apart to meet: all corners begin on one side, farther away than any of them moves."""
+def _cannot_touch(edge, kind, sweep):
+    """Return whether body and edge stay apart: all corners begin on one side, farther away than any of them moves."""
     cx0, cy0, angle0, cx, cy, angle, _, _ = sweep
     moves = abs(cx - cx0) + abs(cy - cy0) + REACH * abs(angle - angle0)
     at = pose(sweep, ZERO)
@@ -121,10 +122,10 @@ def _never(edge, kind, sweep):
 
 @compiled
 def time_of_impact(edge, kind, cx0, cy0, angle0, cx, cy, angle):
-    """The part of the sweep after which a body touches an edge; 1 where it does not, or did before."""
+    """Return the part of the sweep after which a body touches an edge; 1 where it does not, or did before."""
     turn = TWO_PI * F(math.floor(angle0 / TWO_PI))
     sweep = (cx0, cy0, angle0 - turn, cx, cy, angle - turn, CENTERS[kind, 0], CENTERS[kind, 1])
-    if _never(edge, kind, sweep):
+    if _cannot_touch(edge, kind, sweep):
         return ONE
     ends = np.empty((2, 2), np.float32)
     ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1] = edge.x1, edge.y1, edge.x2, edge.y2

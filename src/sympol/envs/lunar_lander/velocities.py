@@ -1,6 +1,6 @@
 """Velocities that joints and contacts allow: Box2D's sequential impulses, to the bit, for several landings at a time.
 
-Box2D solves 180 times over, as Gymnasium asks, and each time goes on from the last: a processor that did it for one
+Box2D does 180 iterations, as Gymnasium sets it, each of which depends on the last: a processor that did it for one
 landing would mostly wait. Here it does the same to `LANES` landings at once, which is most of why this is fast.
 """
 
@@ -17,45 +17,47 @@ ITERATIONS = 180
 
 
 @compiled
-def solve_velocities(landings, which, room):
-    """Of some landings, at most `LANES`; ``which`` are their numbers."""
-    hinged, standing = room.hinged[0], room.standing
-    _nothing_stands(standing)
+def solve_velocities(landings, which, lanes):
+    """Solve the velocities of some landings, at most `LANES`; ``which`` are their numbers."""
+    joint_lanes, contact_lanes = lanes.joints[0], lanes.contacts
+    _clear_contacts(contact_lanes)
     most = np.zeros(2, np.int64)
     for lane in range(len(which)):
         bodies, joints, contacts, points = _parts(landings, which[lane])
-        _take_bodies(hinged, lane, bodies, joints)
+        _load_bodies(joint_lanes, lane, bodies, joints)
         for leg in range(2):
             b = leg + 1
-            number = _take_touching(standing[leg], lane, contacts[b], points[b], range(bodies[b].contacts))
+            number = _load_touching(
+                contact_lanes[leg], lane, contacts[b], points[b], range(bodies[b].contacts)
+            )
             most[leg] = max(most[leg], number)
     for _ in range(ITERATIONS):
-        _solve_joints(hinged)
+        _solve_joints(joint_lanes)
         for leg in (1, 0):
             for k in range(most[leg]):
-                _solve_contacts(hinged, leg + 1, standing[leg, k])
+                _solve_contacts(joint_lanes, leg + 1, contact_lanes[leg, k])
     for lane in range(len(which)):
         bodies, joints, contacts, points = _parts(landings, which[lane])
-        _give_bodies(hinged, lane, bodies, joints)
+        _store_bodies(joint_lanes, lane, bodies, joints)
         for leg in range(2):
             number = 0
             for k in range(bodies[leg + 1].contacts):
                 if contacts[leg + 1, k].touching:
-                    _give_contact(standing[leg, number], lane, points[leg + 1, k])
+                    _store_contact(contact_lanes[leg, number], lane, points[leg + 1, k])
                     number += 1
 
 
 @compiled
-def solve_alone(leg, contacts, points, order, room):
-    """Of a leg without what it hangs on; its contacts in this order. Their impulses stay what they are."""
-    hinged, standing = room.hinged[0], room.standing
-    _nothing_stands(standing)
-    hinged.vx[1, 0], hinged.vy[1, 0], hinged.spin[1, 0] = leg.vx, leg.vy, leg.spin
-    number = _take_touching(standing[0], 0, contacts, points, order)
+def solve_alone(leg, contacts, points, order, lanes):
+    """Solve the velocities of a leg without its joint, its contacts in this order; their impulses are not stored."""
+    joint_lanes, contact_lanes = lanes.joints[0], lanes.contacts
+    _clear_contacts(contact_lanes)
+    joint_lanes.vx[1, 0], joint_lanes.vy[1, 0], joint_lanes.spin[1, 0] = leg.vx, leg.vy, leg.spin
+    number = _load_touching(contact_lanes[0], 0, contacts, points, order)
     for _ in range(ITERATIONS):
         for k in range(number):
-            _solve_contacts(hinged, 1, standing[0, k])
-    leg.vx, leg.vy, leg.spin = hinged.vx[1, 0], hinged.vy[1, 0], hinged.spin[1, 0]
+            _solve_contacts(joint_lanes, 1, contact_lanes[0, k])
+    leg.vx, leg.vy, leg.spin = joint_lanes.vx[1, 0], joint_lanes.vy[1, 0], joint_lanes.spin[1, 0]
 
 
 @compiled
@@ -64,92 +66,84 @@ def _parts(landings, at):
 
 
 @compiled
-def _nothing_stands(standing):
-    for leg in range(len(standing)):
-        for k in range(standing.shape[1]):
+def _clear_contacts(lanes):
+    for leg in range(len(lanes)):
+        for k in range(lanes.shape[1]):
             for lane in range(LANES):
-                standing[leg, k].solved[lane] = 0
+                lanes[leg, k].solved[lane] = 0
 
 
 @compiled
-def _solve_joints(hinged):
-    """Once, in all lanes: the right leg's first."""
+def _solve_joints(lanes):
+    """Solve the joints once in all lanes, the right leg's first."""
     for lane in range(LANES):
-        ax, ay, aw = hinged.vx[0, lane], hinged.vy[0, lane], hinged.spin[0, lane]
-        bx, by, bw = hinged.vx[2, lane], hinged.vy[2, lane], hinged.spin[2, lane]
-        ax, ay, aw, bx, by, bw = solve_joint(hinged, 1, lane, ax, ay, aw, bx, by, bw)
-        hinged.vx[2, lane], hinged.vy[2, lane], hinged.spin[2, lane] = bx, by, bw
-        bx, by, bw = hinged.vx[1, lane], hinged.vy[1, lane], hinged.spin[1, lane]
-        ax, ay, aw, bx, by, bw = solve_joint(hinged, 0, lane, ax, ay, aw, bx, by, bw)
-        hinged.vx[1, lane], hinged.vy[1, lane], hinged.spin[1, lane] = bx, by, bw
-        hinged.vx[0, lane], hinged.vy[0, lane], hinged.spin[0, lane] = ax, ay, aw
+        ax, ay, aw = lanes.vx[0, lane], lanes.vy[0, lane], lanes.spin[0, lane]
+        bx, by, bw = lanes.vx[2, lane], lanes.vy[2, lane], lanes.spin[2, lane]
+        ax, ay, aw, bx, by, bw = solve_joint(lanes, 1, lane, ax, ay, aw, bx, by, bw)
+        lanes.vx[2, lane], lanes.vy[2, lane], lanes.spin[2, lane] = bx, by, bw
+        bx, by, bw = lanes.vx[1, lane], lanes.vy[1, lane], lanes.spin[1, lane]
+        ax, ay, aw, bx, by, bw = solve_joint(lanes, 0, lane, ax, ay, aw, bx, by, bw)
+        lanes.vx[1, lane], lanes.vy[1, lane], lanes.spin[1, lane] = bx, by, bw
+        lanes.vx[0, lane], lanes.vy[0, lane], lanes.spin[0, lane] = ax, ay, aw
 
 
 @compiled
-def _solve_contacts(hinged, leg, contact):
-    """Once, in all lanes."""
+def _solve_contacts(lanes, leg, contact):
+    """Solve a contact once in all lanes."""
     for lane in range(LANES):
-        solve_contact(hinged, leg, contact, lane)
+        solve_contact(lanes, leg, contact, lane)
 
 
 @compiled
-def _take_bodies(hinged, lane, bodies, joints):
+def _load_bodies(lanes, lane, bodies, joints):
     for b in range(3):
-        hinged.vx[b, lane], hinged.vy[b, lane], hinged.spin[b, lane] = (
-            bodies[b].vx,
-            bodies[b].vy,
-            bodies[b].spin,
-        )
+        lanes.vx[b, lane], lanes.vy[b, lane], lanes.spin[b, lane] = bodies[b].vx, bodies[b].vy, bodies[b].spin
     for j in range(2):
         joint = joints[j]
-        hinged.ix[j, lane], hinged.iy[j, lane], hinged.iz[j, lane] = joint.ix, joint.iy, joint.iz
-        hinged.motor[j, lane], hinged.limit[j, lane] = joint.motor, joint.limit
-        hinged.ax[j, lane], hinged.ay[j, lane] = joint.ax, joint.ay
-        hinged.bx[j, lane], hinged.by[j, lane] = joint.bx, joint.by
-        hinged.kxx[j, lane], hinged.kxy[j, lane], hinged.kxz[j, lane] = joint.kxx, joint.kxy, joint.kxz
-        hinged.kyy[j, lane], hinged.kyz[j, lane], hinged.kzz[j, lane] = joint.kyy, joint.kyz, joint.kzz
-        hinged.det3[j, lane], hinged.det2[j, lane] = joint.det3, joint.det2
+        lanes.ix[j, lane], lanes.iy[j, lane], lanes.iz[j, lane] = joint.ix, joint.iy, joint.iz
+        lanes.motor[j, lane], lanes.limit[j, lane] = joint.motor, joint.limit
+        lanes.ax[j, lane], lanes.ay[j, lane] = joint.ax, joint.ay
+        lanes.bx[j, lane], lanes.by[j, lane] = joint.bx, joint.by
+        lanes.kxx[j, lane], lanes.kxy[j, lane], lanes.kxz[j, lane] = joint.kxx, joint.kxy, joint.kxz
+        lanes.kyy[j, lane], lanes.kyz[j, lane], lanes.kzz[j, lane] = joint.kyy, joint.kyz, joint.kzz
+        lanes.det3[j, lane], lanes.det2[j, lane] = joint.det3, joint.det2
 
 
 @compiled
-def _give_bodies(hinged, lane, bodies, joints):
+def _store_bodies(lanes, lane, bodies, joints):
     for b in range(3):
-        bodies[b].vx, bodies[b].vy, bodies[b].spin = (
-            hinged.vx[b, lane],
-            hinged.vy[b, lane],
-            hinged.spin[b, lane],
-        )
+        bodies[b].vx, bodies[b].vy, bodies[b].spin = lanes.vx[b, lane], lanes.vy[b, lane], lanes.spin[b, lane]
     for j in range(2):
         joint = joints[j]
-        joint.ix, joint.iy, joint.iz = hinged.ix[j, lane], hinged.iy[j, lane], hinged.iz[j, lane]
-        joint.motor = hinged.motor[j, lane]
+        joint.ix, joint.iy, joint.iz = lanes.ix[j, lane], lanes.iy[j, lane], lanes.iz[j, lane]
+        joint.motor = lanes.motor[j, lane]
 
 
 @compiled
-def _take_touching(standing, lane, contacts, points, order):
-    """Those of a leg's contacts that touch, in this order; how many there are."""
+def _load_touching(lanes, lane, contacts, points, order):
+    """Load those of a leg's contacts that touch, in this order; return their number."""
     number = 0
     for k in order:
         if contacts[k].touching:
-            _take_contact(standing[number], lane, contacts[k], points[k])
+            _load_contact(lanes[number], lane, contacts[k], points[k])
             number += 1
     return number
 
 
 @compiled
-def _take_contact(standing, lane, contact, points):
-    standing.solved[lane], standing.friction[lane] = contact.solved, contact.friction
-    standing.wx[lane], standing.wy[lane] = contact.wx, contact.wy
-    standing.k11[lane], standing.k12[lane], standing.k22[lane] = contact.k11, contact.k12, contact.k22
-    standing.m11[lane], standing.m12[lane], standing.m22[lane] = contact.m11, contact.m12, contact.m22
+def _load_contact(lanes, lane, contact, points):
+    lanes.solved[lane], lanes.friction[lane] = contact.solved, contact.friction
+    lanes.wx[lane], lanes.wy[lane] = contact.wx, contact.wy
+    lanes.k11[lane], lanes.k12[lane], lanes.k22[lane] = contact.k11, contact.k12, contact.k22
+    lanes.m11[lane], lanes.m12[lane], lanes.m22[lane] = contact.m11, contact.m12, contact.m22
     for i in range(POINTS):
         point = points[i]
-        standing.normal[i, lane], standing.tangent[i, lane] = point.normal, point.tangent
-        standing.rx[i, lane], standing.ry[i, lane] = point.rx, point.ry
-        standing.normal_mass[i, lane], standing.tangent_mass[i, lane] = point.normal_mass, point.tangent_mass
+        lanes.normal[i, lane], lanes.tangent[i, lane] = point.normal, point.tangent
+        lanes.rx[i, lane], lanes.ry[i, lane] = point.rx, point.ry
+        lanes.normal_mass[i, lane], lanes.tangent_mass[i, lane] = point.normal_mass, point.tangent_mass
 
 
 @compiled
-def _give_contact(standing, lane, points):
+def _store_contact(lanes, lane, points):
     for i in range(POINTS):
-        points[i].normal, points[i].tangent = standing.normal[i, lane], standing.tangent[i, lane]
+        points[i].normal, points[i].tangent = lanes.normal[i, lane], lanes.tangent[i, lane]

@@ -1,15 +1,15 @@
-"""One step of the world: contacts, velocities and positions, then what comes to the ground within the step."""
+"""One step of the world: contacts, velocities and positions, then impacts within the step."""
 
 from __future__ import annotations
 
 from .bodies import CENTERS, kind_of, transform
-from .broadphase import follow
-from .collide import find_contacts, look, told, update
+from .broadphase import update_box
+from .collide import add_contacts, report_contact, update_contact, update_contacts
 from .distance import EPSILON
 from .joints import DT
 from .layout import ONE, ZERO, F
 from .machine import compiled
-from .solve import prepare, settle, solve_impact
+from .solve import prepare_step, solve_impact, solve_positions
 from .time_of_impact import time_of_impact
 
 SUBSTEPS = 8
@@ -17,34 +17,34 @@ SUBSTEPS = 8
 
 @compiled
 def begin_step(landing, force_x, force_y):
-    """Contacts are looked for, forces act; then velocities are to be solved."""
+    """Begin a step: update contacts and apply forces. Velocities are to be solved next."""
     for b in (2, 1, 0):
-        look(landing, b)
-    prepare(landing, force_x, force_y)
+        update_contacts(landing, b)
+    prepare_step(landing, force_x, force_y)
 
 
 @compiled
-def end_step(landing, room):
-    """All moves, with velocities that have been solved; whether the lander has come to rest.
+def end_step(landing, lanes):
+    """End a step whose velocities are solved: move everything; return whether the lander has come to rest.
 
-    Where the lander itself touches the ground, the episode is over: how it would bounce is left out.
+    Where the lander itself touches the ground, the episode is over: its bounce is not simulated.
     """
     bodies = landing.bodies
-    asleep = settle(landing)
+    asleep = solve_positions(landing)
     for b in range(3):
-        if follow(bodies[b], kind_of(b), CENTERS[kind_of(b), 0], CENTERS[kind_of(b), 1]):
-            find_contacts(landing, b)
+        if update_box(bodies[b], kind_of(b), CENTERS[kind_of(b), 0], CENTERS[kind_of(b), 1]):
+            add_contacts(landing, b)
     if asleep:
         for b in range(3):
             bodies[b].vx, bodies[b].vy, bodies[b].spin = ZERO, ZERO, ZERO
         return True
-    _impacts(landing, room)
+    _solve_impacts(landing, lanes)
     return False
 
 
 @compiled
-def _crash(landing):
-    """Whether the lander itself comes to the ground within the step."""
+def _check_crash(landing):
+    """Tell the game where the lander itself reaches the ground within the step."""
     lander = landing.bodies[0]
     cx, cy, angle = lander.cx, lander.cy, lander.angle
     for k in range(lander.contacts):
@@ -57,20 +57,20 @@ def _crash(landing):
         lander.cx, lander.cy = (ONE - t) * lander.cx0 + t * cx, (ONE - t) * lander.cy0 + t * cy
         lander.angle = (ONE - t) * lander.angle0 + t * angle
         transform(lander, CENTERS[0, 0], CENTERS[0, 1])
-        told(landing, 0, update(landing, 0, k))
+        report_contact(landing, 0, update_contact(landing, 0, k))
         lander.cx, lander.cy, lander.angle = cx, cy, angle
         transform(lander, CENTERS[0, 0], CENTERS[0, 1])
 
 
 @compiled
-def _impacts(landing, room):
-    """What comes to the ground within the step."""
+def _solve_impacts(landing, lanes):
+    """Solve the impacts of legs that reach the ground within the step."""
     bodies, contacts = landing.bodies, landing.contacts
     for b in range(3):
         for k in range(bodies[b].contacts):
             contacts[b, k].has_toi, contacts[b, k].toi, contacts[b, k].substeps = 0, ONE, 0
-    _crash(landing)
-    ground = ZERO  # how far into the step the ground is: to where the last impact was
+    _check_crash(landing)
+    ground = ZERO  # the part of the step to which the ground has advanced: that of the last impact
     while True:
         first, at, soonest = -1, 0, ONE
         for b in (2, 1):
@@ -81,7 +81,7 @@ def _impacts(landing, room):
                     continue
                 if not contact.has_toi:
                     if body.alpha0 < ground:
-                        _advance(body, ground)
+                        _advance_sweep(body, ground)
                     elif ground < body.alpha0:
                         ground = body.alpha0
                     beta = time_of_impact(
@@ -103,11 +103,11 @@ def _impacts(landing, room):
         body, contact = bodies[first], contacts[first, at]
         cx, cy, angle = body.cx, body.cy, body.angle
         cx0, cy0, angle0, alpha0, ground0 = body.cx0, body.cy0, body.angle0, body.alpha0, ground
-        _advance(body, soonest)
+        _advance_sweep(body, soonest)
         ground = soonest
         body.cx, body.cy, body.angle = body.cx0, body.cy0, body.angle0
         transform(body, CENTERS[1, 0], CENTERS[1, 1])
-        told(landing, first, update(landing, first, at))
+        report_contact(landing, first, update_contact(landing, first, at))
         contact.has_toi = 0
         contact.substeps += 1
         if not contact.touching:
@@ -118,17 +118,17 @@ def _impacts(landing, room):
             continue
         for k in range(body.contacts):
             if k != at:
-                told(landing, first, update(landing, first, k))
-        solve_impact(landing, first, at, (ONE - soonest) * DT, room)
+                report_contact(landing, first, update_contact(landing, first, k))
+        solve_impact(landing, first, at, (ONE - soonest) * DT, lanes)
         for k in range(body.contacts):
             contacts[first, k].has_toi = 0
-        if follow(body, 1, CENTERS[1, 0], CENTERS[1, 1]):
-            find_contacts(landing, first)
+        if update_box(body, 1, CENTERS[1, 0], CENTERS[1, 1]):
+            add_contacts(landing, first)
 
 
 @compiled
-def _advance(body, alpha):
-    """Let the sweep of a body begin later."""
+def _advance_sweep(body, alpha):
+    """Advance the beginning of a body's sweep."""
     beta = (alpha - body.alpha0) / (ONE - body.alpha0)
     body.cx0 = (ONE - beta) * body.cx0 + beta * body.cx
     body.cy0 = (ONE - beta) * body.cy0 + beta * body.cy

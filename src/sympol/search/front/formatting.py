@@ -12,8 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
 
-from ...results.number_format import count, number
-from ...results.table_formats import in_markdown, pipe_table
+from ...results.formatting import count, in_markdown, number, pipe_table
 from ...runs.formatting import decimals
 from ..budget import Cost
 from .config import SearchConfig, steps_of

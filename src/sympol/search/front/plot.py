@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...results.number_format import given, number
-from ...results.style import PANEL, Look, legend_below, save, styled
+from ...results.formatting import as_printed, number
+from ...results.style import PANEL, LineStyle, legend_below, save, styled
 from ...runs.formatting import decimals
 from ...trees.plot import arrange, draw
 from ...trees.plot_style import check_file
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Looks: TypeAlias = Mapping[str, Look]
+Looks: TypeAlias = Mapping[str, LineStyle]
 """The colour and the mark of each method."""
 
 
@@ -135,7 +135,7 @@ def looks_of(fronts: Iterable[Front]) -> Looks:
     """
     methods = sorted({mark.method for front in fronts for mark in (*front.points, *front.candidates)})
     styles = zip(methods, cycle(_COLOURS), cycle(_MARKS), strict=False)
-    return {method: Look(colour, "-", mark) for method, colour, mark in styles}
+    return {method: LineStyle(colour, "-", mark) for method, colour, mark in styles}
 
 
 def panel(ax: Axes, fronts: Sequence[Front], looks: Looks, beside: Sequence[Reference] = ()) -> list[Label]:
@@ -221,7 +221,7 @@ def stairs(nodes: Sequence[int], values: Sequence[float], right: float) -> tuple
     return np.repeat([*nodes, right], 2)[1:-1], np.repeat(values, 2)
 
 
-def _point(ax: Axes, point: Point, look: Look, bottom: float) -> None:
+def _point(ax: Axes, point: Point, look: LineStyle, bottom: float) -> None:
     if point.mean < bottom:
         return
     low, high = point.interval
@@ -265,7 +265,7 @@ def _references(ax: Axes, others: Iterable[Reference]) -> list[Label]:
             ax.axhline(other.mean, color=_GREY, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
         else:
             ax.plot([other.nodes], [other.mean], "+", color="black", markersize=6)
-        text, colour = f"{other.label} {given(other.mean)}", "black" if other.nodes else _GREY
+        text, colour = f"{other.label} {as_printed(other.mean)}", "black" if other.nodes else _GREY
         labels.append(Label(other.nodes, other.mean, text, colour))
     return labels
 

@@ -1,10 +1,17 @@
-"""Tables as Markdown and LaTeX."""
+"""Numbers as text, and tables as Markdown and LaTeX.
+
+docs/design/libraries.md says why no library for tables is used.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from .statistics import Interval, Moments
 
 _IN_MARKDOWN = {
     "&": "&amp;", "<": "&lt;", ">": "&gt;", "|": "\\|", "*": "\\*", "_": "\\_", "`": "\\`", "](": "]\\(",
@@ -16,6 +23,43 @@ _IN_LATEX = {
     "−": "$-$", "±": r"$\pm$", "→": r"$\to$", "∞": r"$\infty$", "×": r"$\times$", "≥": r"$\geq$", "≤": r"$\leq$",
     "▲": r"$\blacktriangle$", "▼": r"$\blacktriangledown$", "τ": r"$\tau$", "α": r"$\alpha$", "—": "---",
 }  # fmt: skip
+
+
+def number(value: float, places: int) -> str:
+    """Return a number with a true minus sign, and none before zero.
+
+    Args:
+        value: The number, which may be infinite.
+        places: The number of decimals.
+    """
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{value:,.{places}f}"
+    return text.replace("-", "−" if float(text.replace(",", "")) else "")
+
+
+def spread(of: Moments, places: int) -> str:
+    """Return "mean ± standard deviation" over trainings, or only the mean of a single training."""
+    mean = number(of.mean, places)
+    return mean if of.std is None else f"{mean} ± {number(of.std, places)}"
+
+
+def interval(of: Interval, places: int = 2) -> str:
+    """Return "estimate [low, high]"."""
+    return f"{number(of.estimate, places)} [{number(of.low, places)}, {number(of.high, places)}]"
+
+
+def as_printed(value: float) -> str:
+    """Return a number with the decimals that its source prints."""
+    return f"{value:,}".replace("-", "−")
+
+
+def count(value: float) -> str:
+    """Return a number of steps, abbreviated: 250 k, 1 M."""
+    for unit, name in ((1e6, " M"), (1e3, " k")):
+        if value >= unit:
+            return f"{value / unit:g}{name}"
+    return f"{value:g}"
 
 
 class Entry(NamedTuple):
@@ -36,7 +80,7 @@ class Grid(NamedTuple):
 
 
 def markdown(grid: Grid) -> str:
-    """Return a pipe table under its title, its note below."""
+    """Return a grid as a pipe table, with its title above and its note below."""
 
     def entry(of: Entry) -> str:
         text = f"**{in_markdown(of.text)}**" if of.bold else in_markdown(of.text)
@@ -51,7 +95,7 @@ def markdown(grid: Grid) -> str:
 
 
 def pipe_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table of right-aligned columns; its cells are Markdown already."""
+    """Return a Markdown table with right-aligned columns, from cells that are Markdown already."""
     lines = [columns, ["---:"] * len(columns), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
@@ -59,7 +103,7 @@ def pipe_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def latex(
     grids: Sequence[Grid], *, name: str, title: str, note: str, abbreviations: Mapping[str, str]
 ) -> str:
-    """Return a floating table for each grid; the document needs booktabs, graphicx and amssymb.
+    """Return grids as floating tables in LaTeX; the document needs booktabs, graphicx and amssymb.
 
     Args:
         grids: The tables.
@@ -67,6 +111,9 @@ def latex(
         title: Begins each caption.
         note: Ends the caption of the first table.
         abbreviations: Short forms of column names, which the caption explains.
+
+    Returns:
+        The tables, one after another.
     """
     return "\n".join(
         _float(grid, f"{name}{f'-{i + 1}' if i else ''}", title, "" if i else note, abbreviations)
