@@ -26,7 +26,7 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_each_is_answered_or_refused_in_one_line(name, scratch):
-    found = in_process(name, SEED, range(INPUTS[name]), scratch)
+    found = in_process(CLASSES[name], SEED, range(INPUTS[name]), scratch)
     failures = [
         f"{failure.kind}: {failure.given[:2000]}\n{failure.detail}" for failure in found.failures.values()
     ]

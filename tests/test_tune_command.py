@@ -187,7 +187,7 @@ def test_a_study_of_another_search_is_one_line(capsys, scripted):
     capsys.readouterr()
     line = words(1)
     line[line.index(str(STEPS))] = str(2 * STEPS)
-    assert "begun with total_timesteps 2048, not 4096" in refused_after_a_plan(capsys, *line)
+    assert "created with total_timesteps 2048, not 4096" in refused_after_a_plan(capsys, *line)
 
 
 @pytest.mark.parametrize(

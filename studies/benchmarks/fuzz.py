@@ -51,7 +51,7 @@ def main() -> None:
     kept = json.loads(path.read_text(encoding="utf-8"))["classes"] if path.exists() else {}
     for name in given.classes or CLASSES:
         began = time.perf_counter()
-        found = apart(name, given.seed, given.inputs)
+        found = apart(CLASSES[name], given.seed, given.inputs)
         seconds = round(time.perf_counter() - began, 1)
         kept[name] = {"seed": given.seed, **found.fields(), "seconds": seconds}
         keep(name, given.seed, found)

@@ -10,11 +10,11 @@ import signal
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from .fuzz_inputs import smaller
 from .timing import ROOT
@@ -51,6 +51,10 @@ class Fuzzer(Protocol):
     def ask(self, given: tuple[Any, ...]) -> bool:
         """Whether it was answered, not refused. Any exception breaks the rule."""
         ...
+
+
+InputClass: TypeAlias = Callable[[Path], Fuzzer]
+"""Sets a class of inputs up in a scratch folder."""
 
 
 @dataclass(frozen=True)
@@ -185,24 +189,22 @@ def _taken() -> int:
     return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 
 
-def in_process(name: str, seed: int, numbers: Iterable[int], scratch: Path) -> Found:
+def in_process(kind: InputClass, seed: int, numbers: Iterable[int], scratch: Path) -> Found:
     """Ask inputs of a class in this process."""
-    from .fuzz_classes import CLASSES
-
     found = Found()
-    for _, outcome in outcomes(CLASSES[name](scratch), seed, numbers):
+    for _, outcome in outcomes(kind(scratch), seed, numbers):
         found.add(outcome)
     return found
 
 
-def apart(name: str, seed: int, inputs: int) -> Found:
+def apart(kind: InputClass, seed: int, inputs: int) -> Found:
     """Ask inputs of a class in a process of its own, and in another one after each that ends it."""
     found, first = Found(), 0
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
         while first < inputs:
             here, there = spawn.Pipe(duplex=False)
-            process = spawn.Process(target=_work, args=(there, name, seed, first, inputs, scratch))
+            process = spawn.Process(target=_work, args=(there, kind, seed, first, inputs, scratch))
             process.start()
             there.close()
             first, begun = _heard(here, found, first)
@@ -210,7 +212,7 @@ def apart(name: str, seed: int, inputs: int) -> Found:
             process.kill()
             process.join()
             if not begun:
-                raise RuntimeError(f"{name} cannot be set up")
+                raise RuntimeError(f"{kind} cannot be set up")
             if first < inputs:
                 found.add(Failure(f"the process ended with {process.exitcode}", first, "see --only", ""))
                 first += 1
@@ -234,11 +236,14 @@ def _heard(pipe: multiprocessing.connection.Connection, found: Found, first: int
 
 
 def _work(
-    pipe: multiprocessing.connection.Connection, name: str, seed: int, first: int, end: int, scratch: str
+    pipe: multiprocessing.connection.Connection,
+    kind: InputClass,
+    seed: int,
+    first: int,
+    end: int,
+    scratch: str,
 ) -> None:
-    from .fuzz_classes import CLASSES
-
-    fuzzer = CLASSES[name](Path(scratch))
+    fuzzer = kind(Path(scratch))
     pipe.send(None)  # it is set up
     for said in outcomes(fuzzer, seed, range(first, end)):
         pipe.send(said)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
-from .fuzz_ask import Fuzzer
+from .fuzz_ask import InputClass
 from .fuzz_flags import Flags
 from .fuzz_observations import Observations
 from .fuzz_runs import Runs
 from .fuzz_trees import Json, Properties, Text
 
-CLASSES: dict[str, Callable[[Path], Fuzzer]] = {
+CLASSES: dict[str, InputClass] = {
     "json": Json,
     "text": Text,
     "properties": Properties,

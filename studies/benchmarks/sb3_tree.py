@@ -21,7 +21,8 @@ STEPS = 160_000
 def train(steps: int, seed: int) -> dict[str, float]:
     """Run the example; return what its last line says, and the seconds that it took."""
     start = time.perf_counter()
-    printed = last_line("sb3", ROOT / "examples" / "sb3_tree.py", steps, seed)
+    example = ROOT / "examples" / "sb3_tree.py"
+    printed = last_line("sb3", example, steps, seed, OMP_NUM_THREADS="1")
     seconds = time.perf_counter() - start
     nodes, mean, std = re.findall(r"-?[\d.]+", printed)[:3]
     return {

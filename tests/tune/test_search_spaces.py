@@ -14,11 +14,11 @@ from sympol.algorithms.registry import ALGORITHMS
 from sympol.tune.search_spaces import (
     Range,
     corner,
-    drawn,
     fields_of,
     fixed,
     from_json,
     space_of,
+    suggest,
     to_json,
 )
 from sympol.tune.study import Search
@@ -35,7 +35,7 @@ def test_every_point_is_a_config(env, name, algorithm, policy):
     search = Search.of(env, policy, algorithm, preset_name=name)
     points: list[dict[str, Any]] = [corner(search.space, 0), corner(search.space, -1)]
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
-    points += [drawn(study.ask(), search.space) for _ in range(50)]
+    points += [suggest(study.ask(), search.space) for _ in range(50)]
     for point in points:
         config = search.config_of(point)
         assert (config.algorithm, config.policy, config.total_timesteps) == (algorithm, policy, 1_000_000)

@@ -97,7 +97,7 @@ def test_a_database_that_cannot_be_used(server: Server, url, words):
 
 
 def test_a_database_that_never_answers(monkeypatch):
-    monkeypatch.setattr(storage, "_PATIENCE", 2)
+    monkeypatch.setattr(storage, "_TIMEOUT", 2)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         begun = time.monotonic()
         with pytest.raises(StorageError, match="timeout"):

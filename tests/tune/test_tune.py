@@ -167,16 +167,16 @@ def test_a_reported_seed_chooses_nothing(tmp_path, seed):
     [
         (
             {"total_timesteps": 2 * STEPS},
-            "begun with total_timesteps 2048, not 4096; go on .*another --study",
+            "created with total_timesteps 2048, not 4096; resume .*another --study",
         ),
-        ({"seeds": (1000, 1001)}, r"begun with seeds \[1000\], not \[1000, 1001\]"),
+        ({"seeds": (1000, 1001)}, r"created with seeds \[1000\], not \[1000, 1001\]"),
         (
             {"policy": "mlp", "preset_name": "default", **LONGER},
-            "begun with policy tree, not mlp; .* more that differ",
+            "created with policy tree, not mlp; .* more that differ",
         ),
-        ({"algorithm": "a2c", "preset_name": "default"}, "begun with algorithm ppo, not a2c"),
+        ({"algorithm": "a2c", "preset_name": "default"}, "created with algorithm ppo, not a2c"),
         ({"space": {**SPACE, "vf_coef": Range(0.1, 1.0)}}, "vf_coef 0.5, not None; another search space"),
-        ({"space": {**SPACE, "gamma": (0.9, 0.95)}}, "begun with another search space"),
+        ({"space": {**SPACE, "gamma": (0.9, 0.95)}}, "created with another search space"),
     ],
 )
 def test_a_study_of_another_search_is_refused(tmp_path, scripted, options, words):
@@ -194,14 +194,14 @@ def test_a_study_of_another_search_is_refused(tmp_path, scripted, options, words
 def test_a_study_of_another_environment_is_refused(tmp_path, scripted):
     scripted(GOOD)
     run(tmp_path, 1)
-    with pytest.raises(OtherStudy, match="begun with env CartPole-v1, not Acrobot-v1"):
+    with pytest.raises(OtherStudy, match="created with env CartPole-v1, not Acrobot-v1"):
         open_study(str(tmp_path / "s.journal"), "s", Search.of("Acrobot-v1"))
 
 
 def test_a_study_that_somebody_else_began_is_refused(tmp_path):
     path = str(tmp_path / "s.journal")
     optuna.create_study(study_name="s", storage=open_storage(path)).ask()
-    with pytest.raises(OtherStudy, match="'s' was not begun by sympol tune"):
+    with pytest.raises(OtherStudy, match="'s' was not created by sympol tune"):
         open_study(path, "s", search(tmp_path))
 
 

@@ -26,7 +26,7 @@ class Comparison(NamedTuple):
 
     @property
     def is_different(self) -> bool:
-        """Whether the difference is significant at `ALPHA`."""
+        """True if the difference is significant at `ALPHA`."""
         return self.p is not None and self.p < ALPHA
 
 

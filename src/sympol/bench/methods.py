@@ -1,6 +1,6 @@
-"""How the policy of a method is made: trained, distilled from a teacher, or returned by a function of the user's.
+"""The agents, distillers and functions that make the policy of a method.
 
-`tables` names the methods; this module knows the agents and distillers behind them.
+`tables` names the methods: a policy is trained, distilled from a teacher, or returned by a function of the user's.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Make: TypeAlias = Callable[..., Any]
 
 
 class Settings(NamedTuple):
-    """What all cells of a call of the bench have in common."""
+    """The settings that all cells of a call of the bench have in common."""
 
     total_timesteps: int
     """Environment steps of each training."""

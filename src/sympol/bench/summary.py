@@ -49,7 +49,7 @@ class CellSummary:
 
     @property
     def is_among_best(self) -> bool:
-        """Whether the cell is the best of at least two, or not different from the best."""
+        """True if the cell is the best of at least two, or not different from the best."""
         return self.best is not None and not self.best.is_different
 
 

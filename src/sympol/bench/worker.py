@@ -1,4 +1,4 @@
-"""What a worker does for a task: train an agent or make a tree, play, and write the result."""
+"""The functions that workers run: train an agent or make a tree, play, and write the result."""
 
 from __future__ import annotations
 

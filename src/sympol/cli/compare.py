@@ -21,20 +21,30 @@ class Compare(PlaysRun):
     """Write a web page of several policies on the same test episodes: trees, neural networks, soft trees."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """The runs' folders, of one environment."""
+    """The folders of the runs, which must be of one environment."""
 
     out: Path = Path("compare.html")
-    """The file."""
+    """The file to write."""
 
     episodes: int = 100
-    """Number of test episodes on Gymnasium; the first two can be watched."""
+    """Number of test episodes on Gymnasium; the page shows the first two as films."""
 
     seed: int = 7
     """Seed of the episodes, which are those of sympol eval."""
 
 
 def run(words: Sequence[str]) -> int:
-    """Run ``sympol compare``."""
+    """Run ``sympol compare``.
+
+    Args:
+        words: The words after the command's name.
+
+    Returns:
+        The exit status, 0.
+
+    Raises:
+        ValueError, RunError: An argument is wrong, or a folder holds no run that can be read.
+    """
     given = parse(Compare, "compare", words)
     require_folder(given.out)
 

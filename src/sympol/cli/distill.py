@@ -36,7 +36,7 @@ _OPTIONS = {
     "viper": {**_IN_TURNS, **_NODES},
     "dagger": {**_IN_TURNS, **_NODES},
 }
-"""What the flags are to each method."""
+"""The arguments of each method that the flags set."""
 
 
 @dataclass
@@ -203,7 +203,7 @@ def _options(given: Distill, method: str) -> dict[str, Any]:
 
 
 def _size(given: Distill, method: str, policy: Any) -> dict[str, int]:
-    """What the limits will be; only discretize does not choose its depth."""
+    """Return the limits of the tree; only discretize does not choose its depth."""
     from ..agents import Agent
     from ..distill.dataset import Limits
     from ..teachers import DISCRETIZE
@@ -262,7 +262,7 @@ def _finish(
 
 
 def _likeness(teacher: Teacher, tree: DecisionTree, x: np.ndarray) -> dict[str, float]:
-    """Return how alike the two act on what the teacher observed: the share of equal actions, or their distance."""
+    """Return the share of equal actions on the teacher's observations, or the mean difference of continuous ones."""
     ours, its = tree.predict(x).reshape(len(x), -1), teacher.act(x).reshape(len(x), -1)
     if isinstance(teacher.spec.actions, BoxActions):
         return {"action_difference": float(np.abs(ours - its).mean())}

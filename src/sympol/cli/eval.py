@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from rich.markup import escape
 
-from ..runs.formatting import decimals
+from ..runs.formatting import format_return
 from ..runs.run import Run
 from .arguments import Folder, PlaysRun, parse
 from .console import out
@@ -51,9 +51,8 @@ def run(words: Sequence[str]) -> int:
         }
         print(json.dumps(result))
     else:
-        n = decimals(mean)
         out.print(
-            f"{escape(spec.name)}: return [bold]{mean:,.{n}f}[/] ± {std:,.{n}f} over {given.episodes} episodes "
+            f"{escape(spec.name)}: return [bold]{format_return(mean, std)}[/] over {given.episodes} episodes "
             f"(seed {given.seed})"
         )
     return 0

@@ -178,7 +178,7 @@ class BaseTree:
 
     @cached_property
     def is_leaf(self) -> Bool[np.ndarray, " nodes"]:
-        """Whether each node is a leaf, [nodes]."""
+        """True for each node that is a leaf, [nodes]."""
         leaf = self.children_left == NO_CHILD
         leaf.setflags(write=False)
         return leaf
@@ -202,7 +202,7 @@ class BaseTree:
     def leaf_outputs(self) -> Float32[np.ndarray, "nodes outputs"]:
         """The constant each leaf outputs, [nodes, outputs]; rows of inner nodes are zero.
 
-        For code that rewrites leaves or reads them without an observation. Whoever has observations calls `outputs`.
+        For code that rewrites leaves or reads them without an observation. With observations, call `outputs`.
         """
         return self.value
 

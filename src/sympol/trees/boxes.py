@@ -100,7 +100,7 @@ class Boxes:
 
     @property
     def is_empty(self) -> Bool[np.ndarray, " boxes"]:
-        """Whether each box contains no observation, [boxes]."""
+        """True for each box that contains no observation, [boxes]."""
         return np.any(~(self.low <= self.high) & ~self.nan, axis=1)
 
     def intersect(self, other: Boxes) -> Boxes:

@@ -89,7 +89,7 @@ def double_threshold(threshold: float) -> float:
     at = np.float32(unflushed_threshold(threshold))
     with np.errstate(over="ignore", under="ignore"):
         above = np.nextafter(at, np.float32(np.inf))
-        # beyond the largest float32 rounding goes on as if there were a next one
+        # beyond the largest float32, rounding behaves as if there were a next one
         middle = (float(at) + (float(above) if np.isfinite(above) else 2.0**128)) / 2
         return middle if np.float32(middle) == at else math.nextafter(middle, -math.inf)
 

@@ -1,4 +1,4 @@
-"""What people call things: features by their names, actions by theirs, and the nearest names where there is none."""
+"""Lookup of features and actions by name, with the nearest names where there is none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a search found: the best trials, which hyperparameters mattered, how it went, and the best one as a preset."""
+"""The report of a search: its best trials, the importance of hyperparameters, plots, and the best trial as a preset."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 _FEW = 10
-"""With fewer completed trials nothing can be said of what mattered."""
+"""The number of completed trials below which importances mean nothing."""
 _TOP = 5
-"""So many trials, or a tenth if that is more, are the best ones: PED-ANOVA needs that many to be stable."""
+"""The number of best trials that PED-ANOVA compares with the rest, or a tenth if that is more; fewer are unstable."""
 
 
 def best_trials(study: Study) -> list[FrozenTrial]:
-    """Completed trials, the best first; of equals the earlier."""
+    """Return the completed trials, the best first, and of equal ones the earlier first."""
     from optuna.trial import TrialState
 
     completed = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
@@ -36,13 +36,13 @@ def best_trials(study: Study) -> list[FrozenTrial]:
 
 
 def counts(study: Study) -> dict[str, int]:
-    """How many finished trials came to what."""
+    """Return the numbers of completed, pruned and failed trials."""
     names = [trial.state.name.lower() for trial in finished(study)]
     return {name: names.count(name) for name in ("complete", "pruned", "fail")}
 
 
 def importances(study: Study) -> dict[str, float]:
-    """Each hyperparameter's share in what sets the best trials apart (PED-ANOVA); none of few trials."""
+    """Return each hyperparameter's share in what distinguishes the best trials (PED-ANOVA); empty for few trials."""
     import optuna
 
     completed = best_trials(study)
@@ -56,7 +56,7 @@ def importances(study: Study) -> dict[str, float]:
 
 
 def write_plots(study: Study, stem: Path) -> list[Path]:
-    """Write ``<stem>-history.svg`` and, of more than a few trials, ``<stem>-importance.svg``."""
+    """Write ``<stem>-history.svg`` and, with enough trials, ``<stem>-importance.svg``; return their paths."""
     with styled():
         made = {"history": _history(study), "importance": _importance(study)}
         stem.parent.mkdir(parents=True, exist_ok=True)
@@ -68,7 +68,7 @@ def write_plots(study: Study, stem: Path) -> list[Path]:
 
 
 def _history(study: Study) -> Figure | None:
-    """The return of each trial and the best so far; pruned ones with what they had when they were."""
+    """Draw the return of each trial and the best so far; a pruned trial with its return when it was pruned."""
     from matplotlib.ticker import MaxNLocator
 
     completed = sorted(best_trials(study), key=lambda trial: trial.number)
@@ -98,7 +98,7 @@ def _importance(study: Study) -> Figure | None:
     figure.set_figwidth(2 * PANEL[0])
     ax.barh(names, [shares[name] for name in names], color=style_of(search_of(study).policy).colour)
     ax.grid(visible=False, axis="y")
-    ax.set(xlabel="share of importance", title=f"{study.study_name}: what sets the best trials apart")
+    ax.set(xlabel="share of importance", title=f"{study.study_name}: what distinguishes the best trials")
     return figure
 
 
@@ -107,10 +107,10 @@ def _value(trial: FrozenTrial) -> float:
 
 
 def require_preset_file(path: Path) -> dict[str, Any]:
-    """What is in a file that a preset is to be saved to; nothing if there is none yet.
+    """Return the content of a file that a preset will be saved to; empty if there is no file yet.
 
     Raises:
-        ValueError: it could not be used, or is something else.
+        ValueError: The file cannot be written, or is no file of presets.
     """
     if path.suffix != ".toml":
         raise ValueError(f"a preset's file must end in .toml, as in best.toml, got {path}")
@@ -136,10 +136,10 @@ def _presets(content: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
 
 
 def save_preset(study: Study, path: Path) -> None:
-    """Write the best trial as the preset of its algorithm and policy; others in the file stay.
+    """Write the best trial as the preset of its algorithm and policy, keeping other presets of the file.
 
     Raises:
-        ValueError: no trial was completed, or see `require_preset_file`.
+        ValueError: No trial was completed, or as `require_preset_file` does.
     """
     content, search = require_preset_file(path), search_of(study)
     best = next(iter(best_trials(study)), None)

@@ -1,6 +1,7 @@
-"""What a search for hyperparameters draws from: the paper's grids ("HPO Grids", appendix), as fields of our config.
+"""The search spaces of `sympol tune`: the paper's grids (appendix, "HPO Grids"), as fields of our config.
 
-The paper's names and ours:
+The values of a field are declared with the field (`KNOBS[name].search`); here stands which fields are searched. The
+paper's names and ours:
 
 | paper | here |
 |---|---|
@@ -12,18 +13,18 @@ The paper's names and ours:
 | `num_layers`, `neurons_per_layer` | `hidden_layers`, `hidden_width`: of `actor_hidden` and `critic_hidden` |
 | `max_grad_norm` None | inf |
 
-What differs:
+Differences from the paper:
 
 - `learning_rate_actor_weights` weighs the trees of an ensemble; ours is one tree.
-- SYMPOL's `n_update_epochs` is given as 0 to 10. With 0 nothing is learnt: ours begin at 1, as those of its
-  rivals do.
-- `SWA` (averaged weights) does not exist here: the best validated tree is returned. `adamW` is `weight_decay`, which
-  stays as in the preset; the paper does not give its strength.
-- Learning rates are drawn on a logarithmic scale. The paper gives their ends only.
+- SYMPOL's `n_update_epochs` is given as 0 to 10. With 0 nothing is learnt, so ours begins at 1, like the
+  baselines'.
+- `SWA` (averaged weights) does not exist here, because the best validated tree is returned. `adamW` is `weight_decay`,
+  which stays as in the preset; the paper does not give its strength.
+- Learning rates are drawn on a logarithmic scale. The paper gives only their ends.
 - `learning_rate_log_std` is searched for trees with continuous actions only: with discrete ones it does nothing, and
-  the rivals' grids have none.
-- A2C has no epochs and no minibatches. It may also take rollouts of 16 steps: each brings one
-  update only, and with 128 and more there are too few of them.
+  the baselines' grids do not have it.
+- A2C has no epochs and no minibatches. It may also use rollouts of 16 steps, because each rollout gives only one
+  update, and with 128 steps or more there are too few of them.
 
 All other fields stay as in the preset that a search starts from.
 """
@@ -42,17 +43,16 @@ if TYPE_CHECKING:
     from optuna import Trial
 
 Space: TypeAlias = Mapping[str, Range | tuple[Any, ...]]
-"""By name a range, or a tuple of values to choose from. A name is a field of `Config`, `hidden_width` or
-`hidden_layers`."""
+"""A range or a tuple of values for each name: a field of `Config`, `hidden_width` or `hidden_layers`."""
 
 _HIDDEN: Space = {"hidden_width": Range(16, 256), "hidden_layers": Range(1, 3)}
-"""The width and the number of the hidden layers of an MLP's actor and critic, which are no fields by themselves."""
-_ALL = (
+"""The hidden layers of an MLP's actor and critic. These two are no fields of `Config` by themselves."""
+_SHARED = (
     *("learning_rate_critic", "num_epochs", "num_steps", "num_envs", "norm_adv", "ent_coef", "gae_lambda"),
     *("gamma", "vf_coef"),
 )
 _BASELINES = ("learning_rate_actor", "minibatch_size", "max_grad_norm")
-_OF = {
+_SEARCHED = {
     "tree": (
         *("learning_rate_feature_logits", "learning_rate_thresholds", "learning_rate_leaf_values"),
         *("learning_rate_log_std", "reduce_lr"),
@@ -60,7 +60,7 @@ _OF = {
     "mlp": _BASELINES,
     "sdt": ("critic", "depth", "temperature", *_BASELINES),
 }
-"""The fields that the paper searches for each policy; what they may be stands where they are declared."""
+"""The fields that the paper searches for each policy, besides `_SHARED`."""
 _FIXED: Mapping[str, Mapping[str, Any]] = {
     "tree": {"depth": 7, "minibatch_size": 64, "max_grad_norm": math.inf},
     "mlp": {},
@@ -69,7 +69,7 @@ _FIXED: Mapping[str, Mapping[str, Any]] = {
 
 
 def space_of(algorithm: str, policy: str, *, continuous: bool) -> Space:
-    """Return what is searched for a policy.
+    """Return the search space of a policy.
 
     Args:
         algorithm: As in ``Config.algorithm``.
@@ -80,7 +80,7 @@ def space_of(algorithm: str, policy: str, *, continuous: bool) -> Space:
         The search space of each field.
     """
     space: dict[str, Range | tuple[Any, ...]] = dict(_HIDDEN) if policy == "mlp" else {}
-    for name in (*_OF[policy], *_ALL):
+    for name in (*_SEARCHED[policy], *_SHARED):
         search = KNOBS[name].search
         assert search is not None, f"{name} has no search space"
         if applies(name, algorithm, policy) and (continuous or name != "learning_rate_log_std"):
@@ -89,16 +89,16 @@ def space_of(algorithm: str, policy: str, *, continuous: bool) -> Space:
 
 
 def fixed(algorithm: str, policy: str) -> dict[str, Any]:
-    """Return the fields of which a grid has one value only."""
+    """Return the fields for which the paper's grid has a single value."""
     return {name: value for name, value in _FIXED[policy].items() if applies(name, algorithm, policy)}
 
 
-def drawn(trial: Trial, space: Space) -> dict[str, Any]:
-    """What a trial is to try."""
-    return {name: _draw(trial, name, values) for name, values in space.items()}
+def suggest(trial: Trial, space: Space) -> dict[str, Any]:
+    """Let Optuna choose a value for every name of a space."""
+    return {name: _suggest(trial, name, values) for name, values in space.items()}
 
 
-def _draw(trial: Trial, name: str, values: Range | tuple[Any, ...]) -> Any:
+def _suggest(trial: Trial, name: str, values: Range | tuple[Any, ...]) -> Any:
     match values:
         case Range(int(low), int(high), log):
             return trial.suggest_int(name, low, high, log=log)
@@ -109,7 +109,7 @@ def _draw(trial: Trial, name: str, values: Range | tuple[Any, ...]) -> Any:
 
 
 def corner(space: Space, end: int) -> dict[str, Any]:
-    """The first (0) or the last (-1) value of everything."""
+    """Return the first value of every name of a space (``end`` 0), or the last (``end`` -1)."""
     return {
         name: ((values.low, values.high) if isinstance(values, Range) else values)[end]
         for name, values in space.items()
@@ -117,7 +117,7 @@ def corner(space: Space, end: int) -> dict[str, Any]:
 
 
 def fields_of(params: Mapping[str, Any]) -> dict[str, Any]:
-    """What was drawn, as fields of `Config`. An MLP's critic is a network like its actor, as the paper's is."""
+    """Return a trial's parameters as fields of `Config`. An MLP's critic has the shape of its actor, as the paper's."""
     fields = {name: value for name, value in params.items() if name not in _HIDDEN}
     if "hidden_width" in params:
         hidden = (params["hidden_width"],) * params.get("hidden_layers", 2)
@@ -126,14 +126,14 @@ def fields_of(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def to_json(space: Space) -> dict[str, Any]:
-    """A space as JSON can hold it."""
+    """Return a space in a form that JSON can hold."""
     return {
         name: asdict(values) if isinstance(values, Range) else list(values) for name, values in space.items()
     }
 
 
 def from_json(space: Mapping[str, Any]) -> Space:
-    """The same back."""
+    """Return the space of a form from `to_json`."""
     return {
         name: Range(**values) if isinstance(values, dict) else tuple(values) for name, values in space.items()
     }

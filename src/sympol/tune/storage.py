@@ -1,4 +1,4 @@
-"""Where a search keeps its trials: a journal file, or PostgreSQL for many machines (docs/guides/cluster.md)."""
+"""The storage of a search's trials: a journal file, or PostgreSQL for many machines (docs/guides/cluster.md)."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ if TYPE_CHECKING:
     from optuna.storages import BaseStorage
     from sqlalchemy.engine import URL
 
-_PATIENCE = 8
+_TIMEOUT = 8
 """Seconds for a database to answer."""
 _LOCK = 0x53796D706F6C
-"""Ours among the database's advisory locks ('Sympol')."""
+"""The number of our advisory lock in a database ('Sympol' in ASCII)."""
 
 
 class StorageError(OSError):
-    """A storage that cannot be opened, told without the password."""
+    """A storage that cannot be opened; the message does not contain the password."""
 
 
 def open_storage(url_or_path: str | PathLike[str], *, heartbeat: int = 30, retries: int = 2) -> BaseStorage:
-    """Open the storage of an Optuna study, making it where there is none.
+    """Open the storage of an Optuna study, creating it if there is none.
 
     Args:
         url_or_path: A file (a journal, which processes of one machine or one shared file system can write together),
             or ``"postgresql://user:password@host:5432/database"``.
-        heartbeat: PostgreSQL: seconds between signs of life of a trial. After three without one, its worker is taken
-            for dead and the trial is queued again. Signs are given in `optuna.Study.optimize`, not by ask and tell.
+        heartbeat: PostgreSQL: seconds between signs of life of a trial. After three without one, its worker counts as
+            dead and the trial is queued again. `optuna.Study.optimize` gives these signs, ask and tell do not.
         retries: PostgreSQL: how often a trial is queued again.
 
     Raises:
-        StorageError: nothing answers there, or it refuses.
-        ValueError: an address that is neither a path nor PostgreSQL's.
+        StorageError: The storage does not answer, or refuses.
+        ValueError: The address is neither a path nor PostgreSQL's.
         ImportError: Optuna or psycopg is not installed.
     """
     if heartbeat < 1:
@@ -86,7 +86,7 @@ def _parsed(text: str) -> URL:
         raise _missing(error) from None
     try:
         url = make_url(text).set(drivername="postgresql+psycopg")
-    except (ArgumentError, ValueError):  # whose words would show the password
+    except (ArgumentError, ValueError):  # its message would show the password
         raise ValueError(
             "a PostgreSQL address must be postgresql://user:password@host:port/database, with the signs @ : / % # ? "
             "in user and password written as %40 %3A %2F %25 %23 %3F; the one given cannot be read"
@@ -105,9 +105,9 @@ def _postgresql(url: URL, heartbeat: int, retries: int) -> BaseStorage:
     with _alone(url):
         return RDBStorage(
             url.render_as_string(hide_password=False),
-            # no connection is kept between a trial's few words: it would outlast a firewall's memory, and a hundred
-            # workers would use up a server's hundred
-            engine_kwargs={"poolclass": NullPool, "connect_args": {"connect_timeout": _PATIENCE}},
+            # no connection stays open between the few queries of a trial: a firewall would drop it, and a hundred
+            # workers would use up a server's hundred connections
+            engine_kwargs={"poolclass": NullPool, "connect_args": {"connect_timeout": _TIMEOUT}},
             heartbeat_interval=heartbeat,
             grace_period=3 * heartbeat,
             heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=retries),
@@ -122,7 +122,7 @@ def _alone(url: URL) -> Iterator[None]:
         from sqlalchemy.exc import SQLAlchemyError
         from sqlalchemy.pool import NullPool
 
-        engine = create_engine(url, poolclass=NullPool, connect_args={"connect_timeout": _PATIENCE})
+        engine = create_engine(url, poolclass=NullPool, connect_args={"connect_timeout": _TIMEOUT})
     except ImportError as error:
         raise _missing(error) from None
     try:
@@ -131,10 +131,10 @@ def _alone(url: URL) -> Iterator[None]:
             connection.execute(text(f"SELECT pg_advisory_xact_lock({_LOCK})"))
             yield
     except SQLAlchemyError as error:
-        raise StorageError(_told(url, error)) from None
+        raise StorageError(_message(url, error)) from None
 
 
-def _told(url: URL, error: Any) -> str:
+def _message(url: URL, error: Any) -> str:
     reason = " ".join(str(getattr(error, "orig", None) or error).split())
     if url.password:
         reason = reason.replace(str(url.password), "***")

@@ -1,4 +1,4 @@
-"""What a search is, and the study in the storage that holds it: begun, gone on with, or refused."""
+"""The definition of a search, and the Optuna study that holds it: created, resumed, or refused."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 _SEARCH = "sympol"
-"""Where a study says what it searches."""
+"""The user attribute of a study that holds its search."""
 _NAMED = 4
-"""So many differences between two searches are named."""
+"""The number of differences between two searches that are named."""
 FAILURE = "failure"
-"""Where a trial says why it failed, if the same would come again: a training that came to NaN."""
+"""The user attribute of a trial with the reason of a failure that would recur, such as a training that reached NaN."""
 
 
 class OtherStudy(ValueError):
-    """The storage has another search under that name."""
+    """The storage has another search under this name."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """All that trials have in common. A study holds it, so that a worker needs the study and nothing else."""
+    """Everything that the trials of a study have in common, held by the study so that workers need nothing else."""
 
     env: str
     algorithm: str
     policy: str
     seeds: tuple[int, ...]
-    """Of the trainings of each trial; its value is the mean of their validation returns."""
+    """Seeds of the trainings of each trial, whose value is the mean of their validation returns."""
     preset: str
     config: Mapping[str, Any]
-    """Fields that are not searched."""
+    """The fields of `Config` that are not searched."""
     space: Space
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
 
@@ -64,10 +64,20 @@ class Search:
         env_kwargs: Mapping[str, Any] | None = None,
         space: Space | None = None,
     ) -> Self:
-        """Put a search together from its preset and, unless another is given, the paper's space.
+        """Return a search that starts from a preset.
+
+        Args:
+            env: A Gymnasium id.
+            policy: As in ``Config.policy``.
+            algorithm: As in ``Config.algorithm``.
+            total_timesteps: Environment steps of each training.
+            seeds: Seeds of the trainings of each trial, of `seeds.SEARCH`.
+            preset_name: The preset that gives the fields that are not searched.
+            env_kwargs: Keyword arguments of the environment.
+            space: The search space; by default the paper's.
 
         Raises:
-            ValueError: an unknown environment or preset, a seed that is reported, or a space in which there are
+            ValueError: The environment or preset is unknown, a seed is for reported trainings, or the space holds
                 configs that cannot be trained.
         """
         seeds = tuple(require_search_seed(seed) for seed in seeds)
@@ -84,24 +94,24 @@ class Search:
         return cls(env, algorithm, policy, seeds, preset_name, config, space, dict(env_kwargs or {}))
 
     def spec(self) -> EnvSpec:
-        """The environment."""
+        """Return the environment."""
         return resolve(self.env, env_kwargs=self.env_kwargs)
 
     def config_of(self, params: Mapping[str, Any]) -> Config:
-        """The config of a trial."""
+        """Return the config of a trial with these parameters."""
         return Config.from_dict({**self.config, **fields_of(params)})
 
     def to_json(self) -> dict[str, Any]:
-        """As a study keeps it."""
+        """Return the search as a study keeps it."""
         return json.loads(json.dumps({**vars(self), "space": to_json(self.space)}))
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
-        """The same back."""
+        """Return the search that a study keeps."""
         return cls(**{**content, "seeds": tuple(content["seeds"]), "space": from_json(content["space"])})
 
     def differences(self, now: Search) -> list[str]:
-        """How another search differs from this one, in words."""
+        """Return how another search differs from this one, each difference as a phrase."""
         was, is_now = self._flat(), now._flat()
         words = [
             f"{name} {was.get(name)}, not {is_now.get(name)}"
@@ -127,11 +137,18 @@ def open_study(
     sampler: BaseSampler | None = None,
     pruner: BasePruner | None = None,
 ) -> Study:
-    """The study of that name; with ``search`` it is begun if there is none.
+    """Return the study of a name, creating it if ``search`` is given and there is none.
+
+    Args:
+        storage: A file or a PostgreSQL address, see `open_storage`.
+        name: The name of the study.
+        search: The search that the study must hold.
+        sampler: Optuna's sampler.
+        pruner: Optuna's pruner.
 
     Raises:
-        OtherStudy: it is of another search, or was not begun here.
-        StorageError, ImportError, ValueError: see `open_storage`.
+        OtherStudy: The study is of another search, or was not created by `sympol tune`.
+        StorageError, ImportError, ValueError: See `open_storage`.
     """
     opened = open_storage(storage)
     import optuna
@@ -144,26 +161,26 @@ def open_study(
         )
     if _SEARCH not in study.user_attrs:
         if study.get_trials(deepcopy=False):
-            raise OtherStudy(f"the study {name!r} was not begun by sympol tune; choose another --study")
+            raise OtherStudy(f"the study {name!r} was not created by sympol tune; choose another --study")
         study.set_user_attr(_SEARCH, search.to_json())
     if changed := search_of(study).differences(search):
         more = f" and {len(changed) - _NAMED} more that differ" if len(changed) > _NAMED else ""
         raise OtherStudy(
-            f"the study {name!r} was begun with {'; '.join(changed[:_NAMED])}{more}; go on with it as it was, or "
-            "choose another --study"
+            f"the study {name!r} was created with {'; '.join(changed[:_NAMED])}{more}; resume it with the same "
+            "arguments, or choose another --study"
         )
     return study
 
 
 def search_of(study: Study) -> Search:
-    """What a study searches."""
+    """Return the search of a study."""
     return Search.from_json(study.user_attrs[_SEARCH])
 
 
 def finished(study: Study) -> list[FrozenTrial]:
-    """Trials that need not be run again: completed, pruned, or failed in a way that would come again.
+    """Return the trials that need not run again: completed, pruned, or failed in a way that would recur.
 
-    Neither those that are running, nor those whose worker was killed.
+    Trials that are running, or whose worker was killed, are left out.
     """
     from optuna.trial import TrialState
 
@@ -177,7 +194,7 @@ def finished(study: Study) -> list[FrozenTrial]:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Nothing of Optuna's own words: what a trial came to is said by us."""
+    """Silence Optuna's log messages and experimental warnings in this context."""
     import optuna
 
     before = optuna.logging.get_verbosity()

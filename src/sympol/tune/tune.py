@@ -1,7 +1,7 @@
-"""A search for hyperparameters: trials of one study, each a task, in this process, in several or on a cluster.
+"""Hyperparameter search: the trials of a study, each a task, in this process, in several, or on a cluster.
 
-A task is one trial and needs the study's storage and name alone. So there are exactly as many trials as were asked for,
-and a search that was stopped goes on as if it had not been: the sampler of the k-th finished trial is seeded by k.
+A task is one trial and needs only the storage and the name of the study. The sampler of the k-th task is seeded by k,
+so that a search that was stopped and resumed ends like one that was not.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..algorithms.config import Config
 from ..envs.errors import EnvironmentFailure
 from ..parallel import Failure, Task, TasksFailed, run_tasks
 from ..results.seeds import require_search_seed
-from .search_spaces import drawn
+from .search_spaces import suggest
 from .study import FAILURE, Search, finished, open_study, quiet, search_of
 
 if TYPE_CHECKING:
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 STARTUP = 10
-"""So many trials are drawn at random, and as many completed before any is pruned."""
+"""The number of trials with random parameters, and of completed trials before any is pruned."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a trial."""
+    """The end of a trial."""
 
     number: int
     state: str
@@ -41,7 +41,7 @@ class Outcome:
     value: float | None
     failure: str | None
     best: float | None = None
-    """Value of the best trial of the study by then."""
+    """The value of the best trial of the study so far."""
 
 
 def tune(
@@ -55,11 +55,24 @@ def tune(
     progress: bool = True,
     on_trial: Callable[[Outcome], None] = lambda outcome: None,
 ) -> tuple[Study, list[Failure]]:
-    """Run the trials that a study lacks; return it, with the tasks that failed otherwise than a trial may.
+    """Run the trials that a study lacks.
+
+    Args:
+        search: The search.
+        storage: A file or a PostgreSQL address, see `open_storage`.
+        name: The name of the study.
+        trials: The number of trials that the study will have.
+        workers: Processes on this machine.
+        scheduler: The address of a Dask scheduler, in place of ``workers``.
+        progress: Whether to draw a line of progress.
+        on_trial: Called with each trial that ends.
+
+    Returns:
+        The study, and the tasks that failed in another way than a trial may.
 
     Raises:
-        OtherStudy: the storage has another search under that name.
-        StorageError, SchedulerError, ValueError, ImportError: see `open_storage` and `run_tasks`.
+        OtherStudy: The storage has another search under this name.
+        StorageError, SchedulerError, ValueError, ImportError: See `open_storage` and `run_tasks`.
     """
     if trials < 1:
         raise ValueError(f"trials must be at least 1, got {trials}")
@@ -73,19 +86,30 @@ def tune(
         for index in range(len(finished(study)), trials)
     ]
 
-    def told(task: Task, result: dict[str, Any] | None) -> None:
+    def report(task: Task, result: dict[str, Any] | None) -> None:
         if result is not None:
             on_trial(Outcome(**result))
 
     try:
-        run_tasks(tasks, workers=workers, scheduler=scheduler, on_done=told, progress=progress)
+        run_tasks(tasks, workers=workers, scheduler=scheduler, on_done=report, progress=progress)
     except TasksFailed as failed:
         return study, failed.failures
     return study, []
 
 
 def run_trial(storage: str, name: str, trials: int, index: int, parallel: bool) -> dict[str, Any] | None:
-    """Run one trial of a study (`tune`), unless others have done enough of them; return an `Outcome`'s fields."""
+    """Run one trial of a study unless it has enough; this is the task of `tune`.
+
+    Args:
+        storage: The storage of the study.
+        name: The name of the study.
+        trials: The number of trials that the study needs.
+        index: The index of this task, which seeds the sampler.
+        parallel: Whether other workers run trials of the study.
+
+    Returns:
+        The fields of an `Outcome`, or None if there were enough trials.
+    """
     study = open_study(storage, name)
     search = search_of(study)
     if len(finished(study)) >= trials:
@@ -109,27 +133,27 @@ def run_trial(storage: str, name: str, trials: int, index: int, parallel: bool) 
 
 
 def objective(trial: Trial, search: Search) -> float:
-    """Train with what the trial draws, once for each seed; the mean validation return.
+    """Train once for each seed with the parameters of a trial, and return the mean validation return.
 
-    Each validation is told to the study, which may prune the trial: with several seeds as the mean of those that are
-    done and the one at work.
+    Each validation is reported to the study, which may prune the trial. With several seeds, the mean of the finished
+    trainings and the current one is reported.
 
     Raises:
-        optuna.TrialPruned: it is hopeless.
-        EnvironmentFailure: a training came to NaN.
+        optuna.TrialPruned: The trial is too poor to go on.
+        EnvironmentFailure: A training reached NaN.
     """
-    config, spec = search.config_of(drawn(trial, search.space)), search.spec()
+    config, spec = search.config_of(suggest(trial, search.space)), search.spec()
     step = _steps(trial, last=config.num_evals * len(search.seeds))
     returns: list[float] = []
     for seed in search.seeds:
         agent = agent_of(spec, config, require_search_seed(seed))
 
-        def watch(report: Report) -> None:
+        def on_validation(report: Report) -> None:
             now = report.metrics["eval/mean_reward"]
             step(float(np.mean([*returns, now])))
 
         try:
-            agent.learn(callback=watch, progress_bar=False)
+            agent.learn(callback=on_validation, progress_bar=False)
         except EnvironmentFailure as failure:
             trial.set_user_attr(FAILURE, str(failure))
             raise
@@ -139,7 +163,7 @@ def objective(trial: Trial, search: Search) -> float:
 
 
 def _steps(trial: Trial, last: int) -> Callable[[float], None]:
-    """Count validations; all but the last may end the trial, which at the last has earned its value."""
+    """Return a function that reports a validation; each but the last may prune the trial."""
     from optuna import TrialPruned
 
     count = 0
@@ -155,7 +179,7 @@ def _steps(trial: Trial, last: int) -> Callable[[float], None]:
 
 
 def validation_return(agent: Agent) -> float:
-    """Of the policy that a training returns: the best validated (``select_best``) or the last."""
+    """Return the validation return of the policy that a training returns: the best (``select_best``) or the last."""
     assert agent.state is not None
     validation = agent.state.validation
     return float(validation.best_return if agent.config.select_best else validation.last_return)
@@ -165,18 +189,18 @@ def _sampler(search: Search, index: int, parallel: bool) -> BaseSampler:
     from optuna.samplers import TPESampler
 
     seed = int(np.random.SeedSequence([search.seeds[0], index]).generate_state(1)[0])
-    # where others are at work, what they try counts as bad, so that nobody tries the same. In one process nobody is:
-    # a trial that looks like it was killed
+    # with other workers, running trials count as bad, so that nobody tries the same. In one process there are none: a
+    # trial that seems to run was killed
     return TPESampler(seed=seed, n_startup_trials=STARTUP, constant_liar=parallel)
 
 
 def _pruner(search: Search) -> BasePruner:
-    """Median, not Hyperband.
+    """Return a median pruner.
 
-    Hyperband samples for each of its brackets by itself, of which with 60 trials none gets to know enough, and its
-    first cut comes early, when a dynamic rollout has hardly begun to grow. A trial is pruned if its best validation so
-    far is below the median of what completed trials had at that point; not in the first third of the training, where
-    rewards that are hard to find are found by luck.
+    Hyperband would sample for each of its brackets alone, and with 60 trials none of them would learn enough. Its first
+    cut also comes early, when a dynamic rollout has hardly begun to grow. The median pruner ends a trial whose best
+    validation so far is below the median of completed trials at that point, but not in the first third of the training,
+    where rewards that are hard to find are found by luck.
     """
     from optuna.pruners import MedianPruner
 

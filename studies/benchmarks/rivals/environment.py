@@ -48,7 +48,7 @@ def interpreter(name: str) -> Path:
     return python
 
 
-def last_line(name: str, *command: object) -> str:
+def last_line(name: str, *command: object, **variables: str) -> str:
     """Run a script with a rival's interpreter and return the last line that it prints.
 
     The script can import sympol as it is in this checkout.
@@ -56,13 +56,14 @@ def last_line(name: str, *command: object) -> str:
     Args:
         name: The rival.
         *command: The script and its arguments.
+        **variables: Environment variables, besides those of this process.
 
     Raises:
         RuntimeError: The script failed; the message ends with what it wrote to its error stream.
     """
     words = [str(interpreter(name)), *map(str, command)]
-    variables = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
-    done = subprocess.run(words, capture_output=True, text=True, check=False, env=variables)
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "src"), **variables}
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=env)
     if done.returncode:
         raise RuntimeError(f"{name} failed with exit code {done.returncode}: {done.stderr[-2000:]}")
     return done.stdout.splitlines()[-1]

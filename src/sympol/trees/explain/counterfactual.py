@@ -88,13 +88,12 @@ def nearest(
         TypeError: If the observation does not hold numbers.
     """
     near = neighborhood_of(tree, observation)
-    actions = tree.leaf_actions[near.leaves]
-    mask = np.array([bool(wanted(action)) for action in actions])
+    mask = np.array([bool(wanted(action)) for action in near.actions])
     found = _nearest(_Distances.of(tree, near, immutable, norm, scale), mask)
     if found is None:
         return None
     row, distance = found
-    return _counterfactual(tree, near, actions[row], row, distance)
+    return _counterfactual(tree, near, near.actions[row], row, distance)
 
 
 def counterfactuals(
@@ -120,8 +119,7 @@ def counterfactuals(
         ValueError: If a feature, a scale or the norm is invalid.
     """
     distances = _Distances.of(tree, near, immutable, norm, scale)
-    actions = tree.leaf_actions[near.leaves]
-    own = actions[np.searchsorted(near.leaves, near.leaf)]
+    actions, own = near.actions, near.actions[near.own]
     space = tree.actions
     every = np.arange(space.n) + space.start if isinstance(space, DiscreteActions) else actions
     # + 0 makes -0.0 to 0.0, which is the same action

@@ -112,7 +112,7 @@ def explain(
     path = " and ".join(condition.words() for condition in known.values())
     return Explanation(
         observation=near.x,
-        action=tree.leaf_actions[near.leaf],
+        action=near.actions[near.own],
         answer=answer,
         leaf=near.leaf,
         sentence=f"{answer}, because {path}." if path else f"{answer}, always.",

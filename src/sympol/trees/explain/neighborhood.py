@@ -15,14 +15,14 @@ from ..groups import Group
 from ..name_lookup import position
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float32, Int
+    from jaxtyping import Bool, Float32, Int, Shaped
     from numpy.typing import ArrayLike
 
 
 @final
 @dataclass(frozen=True)
 class ExplanationFeature:
-    """What changes as one in explanations: a feature, or a group, whose features change together.
+    """A unit of change in explanations: a feature, or a group, whose features change together.
 
     Args:
         name: The name of the feature or group; the categories if the group has no name.
@@ -61,6 +61,7 @@ class LocalNeighborhood:
         leaf: The leaf in which it ends.
         features: What can change in it.
         leaves: All leaves of the tree.
+        actions: The action of each leaf.
         keeps: Whether each feature can stay as it is in an observation that ends in each leaf.
         can_change: Whether a value of the space of each feature leads to each leaf.
         possible: The observations of the space that end in each leaf.
@@ -70,13 +71,19 @@ class LocalNeighborhood:
     leaf: int
     features: tuple[ExplanationFeature, ...]
     leaves: Int[np.ndarray, " leaves"]
+    actions: Shaped[np.ndarray, "leaves ..."]
     keeps: Bool[np.ndarray, "leaves explained"]
     can_change: Bool[np.ndarray, "leaves explained"]
     possible: Boxes
 
     @property
+    def own(self) -> int:
+        """The row of the leaf in which the observation ends, among ``leaves``."""
+        return int(np.searchsorted(self.leaves, self.leaf))
+
+    @property
     def reachable(self) -> Bool[np.ndarray, " leaves"]:
-        """Whether each leaf can be reached if everything may change."""
+        """True for each leaf that can be reached if everything may change."""
         return np.all(self.keeps | self.can_change, axis=1)
 
 
@@ -102,12 +109,13 @@ def neighborhood_of(tree: BaseTree, observation: ArrayLike) -> LocalNeighborhood
         )
     asked = leaf_boxes(replace(tree, integers=()), bounds=False)
     possible = leaf_boxes(tree, bounds=True)
-    features = explanation_features(tree)
+    features, leaves = explanation_features(tree), np.flatnonzero(tree.is_leaf)
     return LocalNeighborhood(
         x,
         leaf,
         features,
-        np.flatnonzero(tree.is_leaf),
+        leaves,
+        tree.leaf_actions[leaves],
         _combined(features, (asked.low <= x) & (x <= asked.high)),
         _combined(features, possible.low <= possible.high),
         possible,

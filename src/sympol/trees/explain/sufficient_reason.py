@@ -45,9 +45,8 @@ def smallest_reason(tree: BaseTree, near: LocalNeighborhood) -> Reason:
         tree: The tree.
         near: The neighbourhood of the observation.
     """
-    actions = tree.leaf_actions[near.leaves].reshape(len(near.leaves), -1)
-    own = actions[np.searchsorted(near.leaves, near.leaf)]
-    other = (actions != own).any(axis=1) & near.reachable
+    actions = near.actions.reshape(len(near.leaves), -1)
+    other = (actions != actions[near.own]).any(axis=1) & near.reachable
     bits = [sum(1 << int(i) for i in np.flatnonzero(~row)) for row in near.keeps[other]]
     chosen = tuple(near.features[i] for i in smallest_hitting_set(bits))
     return Reason(chosen, " and ".join(feature.words(near.x) for feature in chosen))

@@ -1,4 +1,4 @@
-"""What the programs of all languages share: the order of their lines, their answers, their tables, safe names."""
+"""Parts that the programs of all languages share: the order of their lines, their answers, their tables, safe names."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class Answers:
 
     @property
     def is_float(self) -> bool:
-        """Whether they are float32, not whole."""
+        """True if the answers are float32 numbers, False if they are integers."""
         return self.rows.dtype == np.float32
 
     def of(self, leaf: int) -> list[float]:
@@ -196,7 +196,7 @@ def comment(words: str) -> str:
 
 
 def legend(tree: BaseTree) -> list[str]:
-    """What goes in and what comes out, a line each, for the comment at the head of a program."""
+    """Return the inputs and outputs, a line each, for the comment at the head of a program."""
     lines = [f"x[{i}]: {comment(name)}" for i, name in enumerate(tree.feature_names)]
     actions = tree.actions
     if isinstance(actions, DiscreteActions):
