@@ -36,27 +36,75 @@ class Distribution(Protocol):
         ...
 
     def noise(self, key: PRNGKeyArray, shape: tuple[int, ...]) -> Float[Array, "..."]:
-        """Draw the noise that `sample` needs for ``shape`` actions."""
+        """Draw the noise that `sample` needs.
+
+        Args:
+            key: The key to draw with.
+            shape: The batch shape of the actions.
+
+        Returns:
+            The noise, its leading axes those of ``shape``.
+        """
         ...
 
     def sample(self, outputs: Array, log_std: Array, noise: Array) -> Action:
-        """An action for each noise."""
+        """Sample an action for each noise.
+
+        Args:
+            outputs: Outputs of the actor ``[..., outputs]``.
+            log_std: Log standard deviations of continuous actions ``[std]``.
+            noise: The result of `noise`.
+
+        Returns:
+            Actions as they are stored, neither clipped nor rounded.
+        """
         ...
 
     def mode(self, outputs: Array) -> Action:
-        """The most probable action: what the deterministic policy does."""
+        """Return the most probable action, which is that of the deterministic policy.
+
+        Args:
+            outputs: Outputs of the actor ``[..., outputs]``.
+
+        Returns:
+            Actions in the form of `sample`.
+        """
         ...
 
     def log_prob(self, outputs: Array, log_std: Array, action: Action) -> Array:
-        """Log-probability (density) of the action as sampled, before any clipping."""
+        """Compute the log-probability, or log-density, of actions as they were sampled.
+
+        Args:
+            outputs: Outputs of the actor ``[..., outputs]``.
+            log_std: Log standard deviations of continuous actions ``[std]``.
+            action: Actions in the form of `sample`.
+
+        Returns:
+            One number per action.
+        """
         ...
 
     def entropy(self, outputs: Array, log_std: Array) -> Array:
-        """Entropy in nats."""
+        """Compute the entropy in nats.
+
+        Args:
+            outputs: Outputs of the actor ``[..., outputs]``.
+            log_std: Log standard deviations of continuous actions ``[std]``.
+
+        Returns:
+            One number per row of outputs.
+        """
         ...
 
     def to_env(self, action: Action) -> Action:
-        """The action as the environment takes it: clipped to the space, in the space's shape."""
+        """Convert actions for the environment: clipped to the space, in the space's shape.
+
+        Args:
+            action: Actions in the form of `sample`.
+
+        Returns:
+            The actions that the environment takes.
+        """
         ...
 
 
