@@ -21,9 +21,8 @@ from sympol.bench.methods import same_config
 from sympol.functional import hard_tree
 from sympol.policies.extract import extract_tree
 from sympol.policies.tree import Tree
-from sympol.search.masking import MASKED, extract_unmasked, mask_nodes
 from sympol.search.prunings import apply_prunings, prune_moves
-from sympol.search.size_limit import mask_state, prune_step
+from sympol.search.size_limit import MASKED, extract_unmasked, mask_nodes, mask_state, prune_step
 from sympol.trees import ActionSpec
 from tests.tiny import TINY, Chain, flags, quick_compiles, read_summary, refused, status_of
 from tests.trees.samples import ACTIONS, telling_observations

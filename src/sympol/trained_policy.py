@@ -19,8 +19,7 @@ from .envs.spec import EnvSpec
 from .policies.actor import Actor
 from .policies.extract import extract_tree
 from .policies.tree import Tree
-from .search.masking import extract_unmasked
-from .search.size_limit import has_limit, tree_within_limit
+from .search.size_limit import extract_unmasked, has_limit, tree_within_limit
 from .trees import DecisionTree
 from .trees.actions import ActionSpec, BoxActions
 

@@ -1,4 +1,4 @@
-"""Polishing finds the numbers that are known to be best, and mutator nothing else."""
+"""Fine-tuning finds the numbers that are known to be best, and changes nothing else."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from sympol.search.budget import Budget
 from sympol.search.finetune_thresholds import (
-    JUDGING_FACTOR,
+    FINAL_FACTOR,
     MAX_EPISODE_FACTOR,
     OBSERVED,
     REPORT_EVERY,
@@ -92,7 +92,7 @@ def test_a_generation_shares_its_episodes_and_no_two_generations_do():
     assert numbers[:SCHEDULE_WINDOW] == [8] * SCHEDULE_WINDOW
     for one, next_one in zip(generations, [*generations[1:], last], strict=True):
         assert next_one.start == one.stop
-    assert len(last) == JUDGING_FACTOR * numbers[-1]
+    assert len(last) == FINAL_FACTOR * numbers[-1]
     assert len(told) == len(generations) // REPORT_EVERY
     assert told[0].steps == OBSERVED * LENGTH + sum(
         number * 8 * LENGTH for number, _ in evaluator.calls[:REPORT_EVERY]
@@ -167,7 +167,7 @@ def test_where_nothing_is_left_to_gain_it_ends():
 
 
 def test_of_several_trees_those_go_on_that_can_be_made_more_of():
-    """The wrong questions are better at first, and polished they are not."""
+    """The tree with the wrong features is better at first, and worse once both are fine-tuned."""
     wrong = replace(OFF, feature=np.where(OFF.feature == 0, 2, OFF.feature))  # never asks about a
     poor = tree_of([1.2, 1.0, -1.0], CHOICES, DiscreteActions(4))
     evaluator = Bandit(TRUTH)

@@ -17,7 +17,7 @@ from tests.search.bandit import LENGTH, Bandit
 from tests.trees.samples import ACTIONS, random_tree
 
 QUICK = Effort(candidates=1000, first=8, last=32, watched=16)
-"""Nearly: a cut for each candidate, and few episodes."""
+"""Little effort: as many moves as candidates, and few episodes."""
 FULL = Effort(candidates=1000, first=16, last=16, watched=16)
 """All candidates play all episodes: the search is exhaustive."""
 
@@ -47,21 +47,21 @@ def test_a_cut_sends_everything_one_way_and_says_what_that_changes(kind):
     x = rng.normal(size=(150, 3)).astype(np.float32)
     before = tree.predict(x).reshape(len(x), -1)
     found = prune_moves(tree, x)
-    assert [cut.change for cut in found] == sorted(cut.change for cut in found)
+    assert [move.change for move in found] == sorted(move.change for move in found)
     plain = 0
-    for cut in found:
-        small = apply_prunings(tree, [cut])
-        assert small.n_nodes == tree.n_nodes - cut.removed
+    for move in found:
+        small = apply_prunings(tree, [move])
+        assert small.n_nodes == tree.n_nodes - move.removed
         after = small.predict(x).reshape(len(x), -1)
         if kind == "box":
             change = np.square(after.astype(float) - before).sum() / len(x)
         else:
             change = (after != before).any(axis=1).mean()
-        assert cut.change == pytest.approx(change)
-        children = (int(tree.children_left[cut.node]), int(tree.children_right[cut.node]))
+        assert move.change == pytest.approx(change)
+        children = (int(tree.children_left[move.node]), int(tree.children_right[move.node]))
         for child in children:
-            if small == apply_prunings(tree, [cut._replace(part=subtree(tree, child))]):
-                leaves = walked(tree, x, cut.node, child)
+            if small == apply_prunings(tree, [move._replace(part=subtree(tree, child))]):
+                leaves = walked(tree, x, move.node, child)
                 np.testing.assert_array_equal(small.predict(x), tree.actions.decide(tree.value[leaves]))
                 plain += 1
     assert plain >= 2 * 7  # both sides of each of seven splits, as they are
@@ -81,14 +81,14 @@ def test_other_answers_are_the_nearest_to_what_was_done(kind):
         return float(np.square(differs).sum() if kind == "box" else differs.any(axis=1).sum())
 
     refitted = 0
-    for cut in prune_moves(tree, x):
-        if cut.part in sides:
+    for move in prune_moves(tree, x):
+        if move.part in sides:
             continue
-        children = (int(tree.children_left[cut.node]), int(tree.children_right[cut.node]))
+        children = (int(tree.children_left[move.node]), int(tree.children_right[move.node]))
         as_it_was = next(
-            part for child in children if _questions(part := subtree(tree, child)) == _questions(cut.part)
+            part for child in children if _questions(part := subtree(tree, child)) == _questions(move.part)
         )
-        before, small = (apply_prunings(tree, [cut._replace(part=part)]) for part in (as_it_was, cut.part))
+        before, small = (apply_prunings(tree, [move._replace(part=part)]) for part in (as_it_was, move.part))
         leaves = small.apply(x)
         for leaf in np.unique(leaves):
             if (small.value[leaf] != before.value[leaf]).any():
@@ -108,7 +108,7 @@ def test_of_cuts_within_each_other_the_outer_counts():
     rng = np.random.default_rng(2)
     tree = drawn(rng)
     x = rng.normal(size=(50, 3)).astype(np.float32)
-    found = {cut.node: cut for cut in prune_moves(tree, x)}
+    found = {move.node: move for move in prune_moves(tree, x)}
     outer, inner, behind = found[1], found[2], found[tree.children_right[0]]
     assert subtree_end(tree, 1) > 2
     both = apply_prunings(tree, [inner, behind, outer])
@@ -126,8 +126,8 @@ def test_a_step_makes_the_cut_that_costs_least(kind):
     found = prune_path(tree, evaluator, smallest=1, effort=FULL)
     for big, small in itertools.pairwise(found):
         options = [
-            apply_prunings(big.tree, [cut])
-            for cut in prune_moves(big.tree, evaluator.observe(big.tree, range(16)))
+            apply_prunings(big.tree, [move])
+            for move in prune_moves(big.tree, evaluator.observe(big.tree, range(16)))
         ]
         means = [evaluator.returns_of(option, range(16)).mean(dtype=float) for option in options]
         chosen = evaluator.returns_of(small.tree, range(16)).mean(dtype=float)

@@ -114,7 +114,7 @@ def test_it_asks_for_ever_more_episodes_up_to_the_last():
     [
         ({"margin": -1.0}, "margin must be a return, 0 or more, got -1.0"),
         ({"margin": np.nan}, "margin must be a return"),
-        ({"alpha": 0.0}, "alpha must be a chance above 0 and below a half, got 0.0"),
+        ({"alpha": 0.0}, "alpha must be a probability above 0 and below a half, got 0.0"),
         ({"candidates": 0}, "candidates must be at least 1, got 0"),
         ({"first": 1}, "a comparison needs 2 episodes at least"),
         ({"first": 64, "last": 32}, "no more at first than at last, got 64 and 32"),

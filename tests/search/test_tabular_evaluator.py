@@ -24,7 +24,7 @@ def test_episodes_are_those_of_the_compiled_arena(name, monkeypatch):
     episodes = range(30, 60)
     played = ours.play(trees, episodes)
     assert_same(played, theirs.play(trees, episodes))
-    monkeypatch.setattr(tabular, "ASKED", 1000)  # in several goes
+    monkeypatch.setattr(tabular, "BATCH_SIZE", 1000)  # in several batches
     again = ours.play(trees[:40], episodes)
     assert_same(again, Returns(*(part[:40] for part in played)))
     for tree in (trees[int(played.returns.mean(axis=1).argmax())], trees[0]):

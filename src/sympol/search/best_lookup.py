@@ -1,15 +1,15 @@
-"""The best policy of a small world that sees what a tree sees and remembers nothing: an action for each observation.
+"""The best memoryless policy of an environment whose states are listed: an action for each observation.
 
-All of the world is known (`tabular`), so a policy is followed from every start in a moment. The search begins with what
-the shortest ways do in states that look alike, then changes the action of one observation at a time, of some changes
-the best, until none gains anything; from there some actions at random, and again. What is earned from all other states
-counts a little, too: where no start leads to the goal yet, it says which way it lies. (Iterated local search; nothing
-proves that what it ends with is the best, except where every start is solved in as few steps as there can be.)
+All transitions are known (`sympol.search.evaluators.tabular`), so a policy is played from every start in a moment. This
+is an iterated local search. It begins with the actions of shortest paths, by a vote of the states that have the same
+observation; then it changes the action of one observation at a time, the best of a block of changes, until none gains
+anything; then a few actions at random, and again. Returns from all other states count a little, too: where no start
+leads to the goal yet, they show the direction. The result is proven to be the best only where every start is solved in
+the fewest steps possible.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
@@ -18,51 +18,57 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from ..envs.capabilities import StateGraph, steps_to_goal
 from ..seeds import SeedStream
-from .budget import Budget
+from .budget import Budget, Meter
 from .evaluators.tabular import TabularEvaluator, path, play_table
 
 EPISODES = 1024
-"""Whose starts are looked at."""
+"""Episodes whose start states are used."""
 ANYWHERE = 256
 """States besides the starts that count a little."""
-LITTLE = 1e-3
+ANYWHERE_WEIGHT = 1e-3
+"""How much they count."""
 PATIENCE = 30
-"""Changes at random in a row without a gain, after which the search begins anew."""
+"""Random changes in a row without a gain, after which the search starts again."""
 BLOCK = 64
 """Changes that are tried together."""
 GAIN = 1e-9
-"""Below that, a difference is rounding."""
+"""The smallest difference that is more than rounding."""
 
 
 class Lookup(NamedTuple):
     """A policy as a table."""
 
     observations: Float32[np.ndarray, "observations features"]
-    """On which it acts, coming from any start."""
+    """The observations that it reaches from any start."""
     actions: Int[np.ndarray, " observations"]
-    """What it does there."""
+    """Its action on each of them."""
     mean: float
     """Its mean return."""
     is_best: bool
-    """Whether no policy can earn more, be it one with memory."""
+    """True where no policy can earn more, with memory or without."""
     steps: int
     """State transitions read from the table so far."""
 
 
 def best_lookup(evaluator: TabularEvaluator, *, budget: Budget, seed: int = 0) -> Lookup:
-    """Search until nothing can be better, or the budget is spent. With a budget in steps, the same seed ends alike."""
+    """Search the best memoryless policy.
+
+    Args:
+        evaluator: The evaluator, which knows all transitions.
+        budget: How long to search; it ends earlier where nothing can be better.
+        seed: With a budget in steps the same seed finds the same policy.
+
+    Returns:
+        The best policy found.
+    """
     search = _Search(evaluator.graph, evaluator.starts(range(EPISODES)), SeedStream(seed).generator())
-    began = time.perf_counter()
+    meter = Meter(search)
     best, mean = search.begin(), -np.inf
     for act in search.policies():
         earned = search.earned(act)
         if earned > mean + GAIN:
             best, mean = act, earned
-        if (
-            mean >= search.most - GAIN
-            or search.steps >= budget.steps
-            or time.perf_counter() - began >= budget.seconds
-        ):
+        if mean >= search.most - GAIN or not meter.has(budget):
             break
     seen = search.seen(best)
     return Lookup(
@@ -71,7 +77,7 @@ def best_lookup(evaluator: TabularEvaluator, *, budget: Budget, seed: int = 0) -
 
 
 class _Search:
-    """Policies are integer arrays, an action for each observation of the world."""
+    """The state of a search; policies are integer arrays, an action for each observation."""
 
     def __init__(
         self, graph: StateGraph, starts: Int[np.ndarray, " episodes"], rng: np.random.Generator
@@ -87,7 +93,7 @@ class _Search:
         self.most = float(rewards[self.to_goal[self.starts]].astype(float) @ self.weights)
 
     def begin(self) -> Int[np.ndarray, " observations"]:
-        """In each observation what shortest ways do in most states that look so, states weighed at random."""
+        """Return the action of shortest paths by a vote of the states of each observation, weighted at random."""
         after = np.where(
             self.graph.reaches_goal,
             0,
@@ -99,7 +105,7 @@ class _Search:
         return votes.argmax(axis=1)
 
     def policies(self) -> Iterator[Int[np.ndarray, " observations"]]:
-        """Policies on the way up, again and again, for ever."""
+        """Yield better and better policies, from new starts again and again, for ever."""
         while True:
             top, top_score, fails = self.begin(), -np.inf, 0
             act = top
@@ -109,24 +115,23 @@ class _Search:
                 if score > top_score + GAIN:
                     top, top_score, fails = act, score, 0
                 act = top.copy()
-                some = self.rng.integers(self.shape[0], size=self.rng.integers(2, 6))
-                act[some] = self.rng.integers(self.shape[1], size=len(some))
+                changed = self.rng.integers(self.shape[0], size=self.rng.integers(2, 6))
+                act[changed] = self.rng.integers(self.shape[1], size=len(changed))
 
     def earned(self, act: Int[np.ndarray, " observations"]) -> float:
-        """The mean return."""
+        """Return the mean return of a policy."""
         return float(self._returns(act[None], self.starts)[0] @ self.weights)
 
     def seen(self, act: Int[np.ndarray, " observations"]) -> Bool[np.ndarray, " observations"]:
-        """Which observations the policy acts on, from any start."""
-        ways = (path(self.graph, act, start) for start in self.starts.tolist())
-        return np.isin(
-            np.arange(self.shape[0]), self.graph.observation_of[[state for way in ways for state in way]]
-        )
+        """Return which observations a policy reaches from any start."""
+        paths = (path(self.graph, act, start) for start in self.starts.tolist())
+        states = [state for one in paths for state in one]
+        return np.isin(np.arange(self.shape[0]), self.graph.observation_of[states])
 
     def _climb(
         self, act: Int[np.ndarray, " observations"]
     ) -> Generator[Int[np.ndarray, " observations"], None, tuple[Int[np.ndarray, " observations"], float]]:
-        """Of some changes the best, of some others the best, until all were tried in vain; the end, and its score."""
+        """Take the best of one block of changes after the other, until none gains; return the policy and its score."""
         changes = self.rng.permutation(self.shape[0] * (self.shape[1] - 1))
         score, tried, at = self._scores(act[None])[0], 0, 0
         while tried < len(changes):
@@ -146,7 +151,7 @@ class _Search:
 
     def _scores(self, acts: Int[np.ndarray, "policies observations"]) -> Float[np.ndarray, " policies"]:
         own = self._returns(acts, self.starts) @ self.weights
-        return own + LITTLE * self._returns(acts, self.anywhere).mean(axis=1)
+        return own + ANYWHERE_WEIGHT * self._returns(acts, self.anywhere).mean(axis=1)
 
     def _returns(
         self, acts: Int[np.ndarray, "policies observations"], states: Int[np.ndarray, " states"]

@@ -1,16 +1,15 @@
-"""Compare trees on shared episodes, with as few episodes as it takes.
+"""Compare trees on shared episodes, with as few episodes as necessary.
 
 All trees play the same numbered episodes, so only the paired differences matter. A `ReturnCache` plays no tree
-twice in an episode. `compare` looks after 32 episodes, 64, 128, …: is the mean difference above ``-margin``, or
-below? Each look is a pair of one-sided t-tests. Repeated looks and many candidates find something by chance
-more often, so the allowed error ``alpha`` is divided by the number of looks and of candidates (Bonferroni's
-inequality; Dunn, "Multiple comparisons among means", 1961). That holds however looks and candidates depend on
-each other, and is conservative, as they have much in common. (Group-sequential designs such as Pocock's of 1977
-are sharper, for normal differences.)
+twice in an episode. `compare` tests after 32 episodes, 64, 128, … whether the mean difference is above ``-margin`` or
+below, by a pair of one-sided t-tests. Repeated tests and many candidates find something by chance more often, so the
+allowed error ``alpha`` is divided by the number of tests and of candidates (Bonferroni's inequality; Dunn, "Multiple
+comparisons among means", 1961). That holds however these depend on each other, and is conservative, as they have much
+in common. (Group-sequential designs such as Pocock's of 1977 are sharper, for normal differences.)
 
-The t-test is only approximate for differences far from normal. The usual worst case is a change that matters in
-one episode of a hundred and in none of the first. Episodes in which nothing differs therefore prove nothing:
-while there are no others, the next look is awaited, up to the last.
+The t-test is only approximate for differences far from normal. The usual worst case is a change that matters in one
+episode of a hundred and in none of the first. So episodes in which nothing differs decide nothing: while there are no
+others, the next test is awaited, up to the last.
 
 `successive_halving` (Jamieson and Talwalkar 2016) ranks many variants of a tree: all play a few episodes, the
 better half twice as many, and so on, always the same episodes as the tree itself.
@@ -31,62 +30,81 @@ from .evaluators.base import Evaluator
 
 
 class ReturnCache:
-    """Returns by tree, of the episodes from ``first_episode`` on."""
+    """The returns of trees in shared episodes, each played once.
+
+    Args:
+        evaluator: The evaluator that plays the trees.
+        first_episode: The number of the first episode.
+    """
 
     def __init__(self, evaluator: Evaluator, first_episode: int = 0) -> None:
         self.evaluator, self.first_episode = evaluator, first_episode
         self._known: dict[DecisionTree, Float32[np.ndarray, " episodes"]] = {}
 
     def of(self, tree: DecisionTree, number: int) -> Float32[np.ndarray, " episodes"]:
-        """Return the returns of one tree in the first ``number`` episodes."""
+        """Return the returns of one tree.
+
+        Args:
+            tree: The tree.
+            number: The number of episodes, counted from the first.
+
+        Returns:
+            Its returns ``[episodes]``.
+        """
         return self.of_all([tree], number)[0]
 
     def of_all(
         self, trees: Sequence[DecisionTree], number: int, *, like: DecisionTree | None = None
     ) -> Float32[np.ndarray, "trees episodes"]:
-        """Return the returns of many trees in the first ``number`` episodes; what is missing is played in one batch.
+        """Return the returns of many trees; those that are missing are played in one batch.
 
-        ``like`` is a tree that most of them mostly do as, if there is one: see `Evaluator.play_variants`.
+        Args:
+            trees: The trees.
+            number: The number of episodes, counted from the first.
+            like: A tree of which the others are variants, if there is one: see `Evaluator.play_variants`.
+
+        Returns:
+            Their returns ``[trees, episodes]``.
         """
         by_played: dict[int, dict[DecisionTree, None]] = {}
         for tree in trees:
             played = len(self._known.get(tree, ()))
             if played < number:
                 by_played.setdefault(played, {})[tree] = None
-        for played, some in by_played.items():
-            more = range(self.first_episode + played, self.first_episode + number)
-            playing = [tree for tree in some if tree != like]
+        for played, missing in by_played.items():
+            episodes = range(self.first_episode + played, self.first_episode + number)
+            playing = [tree for tree in missing if tree != like]
             if like is None:
-                returns = self.evaluator.play(playing, more).returns
+                returns = self.evaluator.play(playing, episodes).returns
             else:
-                returns = self.evaluator.play_variants(like, playing, more).returns
+                returns = self.evaluator.play_variants(like, playing, episodes).returns
                 playing.insert(0, like)
             for tree, new in zip(playing, returns, strict=True):
-                if tree in some:
+                if tree in missing:
                     known = self._known[tree] if played else new[:0]
                     self._known[tree] = np.concatenate([known, new])
         return np.stack([self._known[tree][:number] for tree in trees])
 
 
 FIRST, LAST = 32, 1024
-"""Episodes of the first look, and of the last."""
+"""Episodes of the first test, and of the last."""
 ALPHA = 0.05
-"""The chance of a wrong answer that is allowed, of "worse" and of "not worse" each."""
+"""The allowed probability of a wrong answer, of "worse" and of "not worse" each."""
 
 Answer: TypeAlias = Literal["worse", "not worse", "equal", "undecided"]
 Differences: TypeAlias = Callable[[int], Shaped[np.ndarray, " episodes"]]
-"""The differences in the first so many episodes."""
+"""A function from a number of episodes to the differences of returns in them."""
 
 
 class Comparison(NamedTuple):
     """The result of a comparison."""
 
     answer: Answer
-    """``"worse"``: by more than the margin. ``"equal"``: not one difference in all the episodes there were to be."""
+    """``"worse"``: by more than the margin. ``"equal"``: no difference in any of the episodes."""
     difference: float
-    """In the mean: above 0 is better."""
+    """The mean difference: above 0 is better."""
     episodes: int
-    """That it took."""
+    """The number of episodes that were necessary."""
     margin: float
 
     @property
@@ -104,10 +122,21 @@ def compare(
     first: int = FIRST,
     last: int = LAST,
 ) -> Comparison:
-    """Look at the first 32 differences, 64, … until it is clear whether their mean is above ``-margin``.
+    """Test the first 32 differences, 64, … until it is clear whether their mean is above ``-margin``.
+
+    Args:
+        differences: Returns the differences in the first so many episodes.
+        margin: The loss that is allowed.
+        alpha: The allowed probability of a wrong answer.
+        candidates: The number of comparisons that share it.
+        first: Episodes of the first test.
+        last: Episodes of the last test.
+
+    Returns:
+        The answer, and the mean difference.
 
     Raises:
-        ValueError: a margin below 0, an ``alpha`` that is no chance, fewer than 2 episodes or candidates below 1.
+        ValueError: A margin below 0, an ``alpha`` that is no probability, fewer than 2 episodes, or no candidates.
     """
     _check(margin, alpha, candidates, first, last)
     numbers = interim_sizes(first, last)
@@ -127,7 +156,20 @@ def compare(
 
 
 def compare_trees(scores: ReturnCache, tree: DecisionTree, other: DecisionTree, **how: float) -> Comparison:
-    """Compare the returns of ``other`` with those of ``tree``; ``how`` and errors are those of `compare`."""
+    """Compare the returns of two trees.
+
+    Args:
+        scores: The returns of trees so far.
+        tree: The tree to compare with.
+        other: The tree that may be worse or not.
+        **how: Further arguments of `compare`.
+
+    Returns:
+        The answer about ``other``, and the mean difference.
+
+    Raises:
+        ValueError: As `compare` does.
+    """
 
     def differences(number: int) -> Float[np.ndarray, " episodes"]:
         ours, theirs = (scores.of(each, number).astype(np.float64) for each in (tree, other))
@@ -137,7 +179,15 @@ def compare_trees(scores: ReturnCache, tree: DecisionTree, other: DecisionTree, 
 
 
 def interim_sizes(first: int, last: int) -> list[int]:
-    """Return the numbers of episodes after which to look: ``first``, twice as many, …, ``last``."""
+    """Return the numbers of episodes after which to test.
+
+    Args:
+        first: The first number.
+        last: The last one.
+
+    Returns:
+        ``first``, twice as many, …, ``last``.
+    """
     numbers = [min(first, last)]
     while numbers[-1] < last:
         numbers.append(min(2 * numbers[-1], last))
@@ -145,9 +195,14 @@ def interim_sizes(first: int, last: int) -> list[int]:
 
 
 def upper_quantile(chance: float, freedom: Shaped[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the quantile that Student's t exceeds with probability ``chance``, for each number of degrees of freedom.
+    """Return quantiles of Student's t, by the expansion in powers of 1 / freedom (Abramowitz and Stegun, 26.7.5).
 
-    The expansion in powers of 1 / freedom (Abramowitz and Stegun, 26.7.5).
+    Args:
+        chance: The probability with which t exceeds the quantile.
+        freedom: Degrees of freedom ``[n]``.
+
+    Returns:
+        The quantiles ``[n]``.
     """
     z = -NormalDist().inv_cdf(chance)
     terms = (
@@ -164,7 +219,7 @@ def _check(margin: float, alpha: float, candidates: int, first: int, last: int) 
     if not 0 <= margin < math.inf:
         raise ValueError(f"margin must be a return, 0 or more, got {margin}")
     if not 0 < alpha < 0.5:
-        raise ValueError(f"alpha must be a chance above 0 and below a half, got {alpha}")
+        raise ValueError(f"alpha must be a probability above 0 and below a half, got {alpha}")
     if candidates < 1:
         raise ValueError(f"candidates must be at least 1, got {candidates}")
     if not 2 <= first <= last:
@@ -183,10 +238,19 @@ def successive_halving(
     last: int,
     key: Callable[[float, int], Any] = lambda loss, _: loss,
 ) -> list[tuple[float, int]]:
-    """Rank ``others`` by their loss against ``tree``; return the best as pairs of loss and position.
+    """Rank variants of a tree by their loss; the better half of them plays twice as many episodes, and so on.
 
-    Halving ends when at most ``keep`` are left or ``last`` episodes are played. Pairs are sorted by ``key`` of loss
-    and position, the least first.
+    Args:
+        scores: The returns of trees so far.
+        tree: The tree.
+        others: Its variants.
+        keep: Halving ends when at most so many are left.
+        first: Episodes that all variants play.
+        last: Halving ends when so many episodes are played.
+        key: What to sort by, the least first: a function of a variant's loss and its position in ``others``.
+
+    Returns:
+        The best variants, as pairs of loss and position, sorted by ``key``.
     """
     field = [(0.0, i) for i in range(len(others))]
     for number in interim_sizes(first, last):

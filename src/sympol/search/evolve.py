@@ -9,7 +9,6 @@ everything in the archive is played again, so that nothing stays because it was 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
@@ -19,7 +18,7 @@ from jaxtyping import Float32
 
 from ..seeds import SeedStream
 from ..trees import DecisionTree
-from .budget import Budget
+from .budget import Budget, Meter
 from .evaluators.base import Evaluator
 from .mutations import Mutator, NestedTree, from_nested, num_nodes, to_nested
 
@@ -29,7 +28,7 @@ ELITES = 4
 
 @dataclass(frozen=True)
 class Entry:
-    """A tree, and what it earned in each episode of the present epoch."""
+    """A tree and its return in each episode of the present epoch."""
 
     node: NestedTree
     returns: Float32[np.ndarray, " episodes"]
@@ -41,7 +40,14 @@ class Entry:
 
 
 def archive_sizes(max_nodes: int) -> tuple[int, ...]:
-    """Sizes that are told apart: all up to 31 nodes, then ever fewer, and the largest that is asked for."""
+    """Return the sizes that an archive tells apart: all up to 31 nodes, then ever fewer, and the limit.
+
+    Args:
+        max_nodes: The limit of nodes, odd.
+
+    Returns:
+        Numbers of nodes, ascending.
+    """
     sizes = [1]
     while sizes[-1] < max_nodes:
         sizes.append(sizes[-1] + (1 << max(1, (sizes[-1] + 1).bit_length() - 4)))
@@ -56,49 +62,70 @@ class Archive:
     entries: dict[int, list[Entry]] = field(default_factory=dict)
 
     def cell(self, node: NestedTree) -> int:
-        """The cell that a tree belongs to."""
+        """Return the cell that a tree belongs to."""
         return self.sizes[int(np.searchsorted(self.sizes, num_nodes(node)))]
 
     def all(self) -> list[Entry]:
-        """Every tree, small ones first."""
+        """Return every tree, small ones first."""
         return [entry for cell in sorted(self.entries) for entry in self.entries[cell]]
 
     def to_beat(self, cell: int, episodes: slice) -> float:
-        """Return the mean return of the worst tree kept in a cell, or of all trees while the cell has room."""
-        kept = self.entries.get(cell, [])
-        rivals = kept[-1:] if len(kept) == ELITES else self.all()
-        return min((float(rival.returns[episodes].mean()) for rival in rivals), default=0.0)
+        """Return the mean return that a tree must exceed to enter a cell.
+
+        Args:
+            cell: The cell.
+            episodes: The episodes that the tree has played.
+
+        Returns:
+            The mean of the worst tree in the cell, or of the worst of all while the cell has room.
+        """
+        elites = self.entries.get(cell, [])
+        opponents = elites[-1:] if len(elites) == ELITES else self.all()
+        return min((float(other.returns[episodes].mean()) for other in opponents), default=0.0)
 
     def insert(self, entries: Iterable[Entry]) -> None:
-        """Keep those that are among the best of their size; of equals the new one, so that what makes no difference
-        yet is tried in turn."""
+        """Keep those that are among the best of their size.
+
+        Of equals the new one is kept, so that mutations that make no difference yet are tried in turn.
+
+        Args:
+            entries: Trees that have played all episodes of the epoch.
+        """
         touched = set()
         for entry in entries:
             cell = self.cell(entry.node)
-            kept = self.entries.setdefault(cell, [])
-            if all(entry.node != other.node for other in kept):
-                kept.insert(0, entry)
+            elites = self.entries.setdefault(cell, [])
+            if all(entry.node != other.node for other in elites):
+                elites.insert(0, entry)
                 touched.add(cell)
         for cell in touched:
             self.entries[cell] = sorted(self.entries[cell], key=lambda entry: -entry.mean)[:ELITES]
 
     def front(self) -> list[int]:
-        """Cells whose best tree is better than that of every smaller cell."""
-        found, best = [], -np.inf
+        """Return the cells whose best tree is better than that of every smaller cell."""
+        cells, best = [], -np.inf
         for cell in sorted(self.entries):
             if self.entries[cell][0].mean > best:
                 best = self.entries[cell][0].mean
-                found.append(cell)
-        return found
+                cells.append(cell)
+        return cells
 
     def parents(self, number: int, rng: np.random.Generator) -> Sequence[Entry]:
-        """Trees to change: half of them from the front, the others from anywhere."""
+        """Draw trees to mutate: half of them from the front, the others from anywhere.
+
+        Args:
+            number: How many.
+            rng: The generator that draws.
+
+        Returns:
+            The trees; one may be drawn several times.
+        """
         front, anywhere = self.front(), sorted(self.entries)
         chosen = []
         for _ in range(number):
             cell = int(rng.choice(front if rng.random() < 0.5 else anywhere))
-            kept = self.entries[cell]
-            chosen.append(kept[int(rng.integers(len(kept)))])
+            elites = self.entries[cell]
+            chosen.append(elites[int(rng.integers(len(elites)))])
         return chosen
 
 
@@ -109,7 +136,7 @@ ROUNDS = (1 / 16, 1 / 4, 1)
 GENERATIONS = 12
 """Generations in an epoch."""
 PATIENCE = 4
-"""How often changes are drawn for a generation that has too few new ones."""
+"""How often mutations are drawn for a generation that has too few new ones."""
 
 
 class EvolutionResult(NamedTuple):
@@ -118,7 +145,7 @@ class EvolutionResult(NamedTuple):
     steps: int
     seconds: float
     best: dict[int, float]
-    """The mean return of the best tree of each size, in other episodes than it was found in."""
+    """The mean return of the best tree of each size, in episodes of the next epoch."""
     trees: list[DecisionTree]
     """The best few of each size."""
 
@@ -136,13 +163,22 @@ def evolve(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> EvolutionResult:
-    """Search from some trees, and from random ones; return the last epoch.
+    """Mutate trees and keep the best of each size, as long as the budget lasts.
 
-    It has the best few trees of each size up to ``max_nodes``; which of them is best is for episodes to say that the
-    search has not seen. ``episodes`` are those of an epoch. With a budget in steps the same seed finds the same trees.
+    Args:
+        evaluator: The evaluator that plays the trees.
+        starts: Trees to start from, at least one; random trees are added.
+        max_nodes: The largest number of nodes of the trees that are returned, odd.
+        budget: How long to search; it ends with the generation that spends it.
+        episodes: Episodes of an epoch.
+        seed: With a budget in steps the same seed finds the same trees.
+        progress: Called after each epoch.
+
+    Returns:
+        The state after the last epoch, with the best few trees of each size. Rank them on held-out episodes.
 
     Raises:
-        ValueError: no tree to say what is seen and done, or a limit that is even or below one.
+        ValueError: No tree to start from, or a limit that is even or below 1.
     """
     if not starts:
         raise ValueError("evolution needs at least one tree to start from, be it a single leaf")
@@ -154,23 +190,18 @@ def evolve(
         max_nodes, *(tree.n_nodes for tree in starts)
     )  # from a large tree to small ones, step by step
     search = _Search(evaluator, starts[0], limit, episodes, SeedStream(seed).generator())
-    began, spent = time.perf_counter(), evaluator.steps
+    meter = Meter(evaluator)
     search.begin([to_nested(tree) for tree in starts])
 
     def epoch() -> EvolutionResult:
-        kept = {cell: entries for cell, entries in search.archive.entries.items() if cell <= max_nodes}
-        best = {cell: entries[0].mean for cell, entries in sorted(kept.items())}
-        trees = [
-            from_nested(entry.node, starts[0]) for _, entries in sorted(kept.items()) for entry in entries
-        ]
-        return EvolutionResult(evaluator.steps - spent, time.perf_counter() - began, best, trees)
+        elites = {cell: some for cell, some in sorted(search.archive.entries.items()) if cell <= max_nodes}
+        best = {cell: entries[0].mean for cell, entries in elites.items()}
+        trees = [from_nested(entry.node, starts[0]) for entries in elites.values() for entry in entries]
+        return EvolutionResult(meter.steps, meter.seconds, best, trees)
 
-    def has_budget() -> bool:
-        return evaluator.steps - spent < budget.steps and time.perf_counter() - began < budget.seconds
-
-    while has_budget():
+    while meter.has(budget):
         for _ in range(GENERATIONS):
-            if has_budget():
+            if meter.has(budget):
                 search.generation()
         search.next_epoch()
         if progress is not None:
@@ -179,7 +210,7 @@ def evolve(
 
 
 class _Search:
-    """What evolution knows."""
+    """The state of an evolution."""
 
     def __init__(
         self, evaluator: Evaluator, like: DecisionTree, limit: int, episodes: int, rng: np.random.Generator
@@ -188,41 +219,41 @@ class _Search:
         self.archive = Archive(archive_sizes(limit))
         self.epoch = range(episodes)
         self.tried: set[NestedTree] = set()
-        """Trees played in this epoch: one that was not kept then would not be kept now."""
+        """Trees played in this epoch: one that did not enter the archive would not enter it now."""
         self.mutator: Mutator
 
     def begin(self, starts: list[NestedTree]) -> None:
-        """The first archive: what is given, and random trees besides."""
-        self._look_around([from_nested(node, self.like) for node in starts[:4]])
+        """Fill the first archive with the starts and with random trees."""
+        self._observe([from_nested(node, self.like) for node in starts[:4]])
         leaves: list[NestedTree] = [self.mutator.random_leaf(self.rng) for _ in range(8)]
         random = [self._changed(leaf, leaves, times=1 + i % 6) for i, leaf in enumerate(leaves * 12)]
         self.archive.insert(self._entries(self._within([*starts, *leaves])))
-        self.archive.insert(self._race(self._within(random)))
+        self.archive.insert(self._halve(self._within(random)))
 
     def generation(self) -> None:
-        """Try changes of what is kept."""
-        kept = [entry.node for entry in self.archive.all()]
-        self.tried.update(kept)
+        """Try mutations of the archive's trees."""
+        elites = [entry.node for entry in self.archive.all()]
+        self.tried.update(elites)
         new: list[NestedTree] = []
         for _ in range(PATIENCE):
             parents = self.archive.parents(CANDIDATES - len(new), self.rng)
-            changed = self._within([self._changed(parent.node, kept) for parent in parents])
+            changed = self._within([self._changed(parent.node, elites) for parent in parents])
             new += [node for node in changed if node not in self.tried]
             self.tried.update(new)
-        self.archive.insert(self._race(new))
+        self.archive.insert(self._halve(new))
 
     def next_epoch(self) -> None:
-        """Other episodes: whatever is kept plays them."""
+        """Change the episodes, and play all trees of the archive on them."""
         self.epoch = range(self.epoch.stop, self.epoch.stop + len(self.epoch))
         self.tried.clear()
-        kept = [entry.node for entry in self.archive.all()]
+        elites = [entry.node for entry in self.archive.all()]
         self.archive = Archive(self.archive.sizes)
-        self.archive.insert(self._entries(kept))
+        self.archive.insert(self._entries(elites))
         front = [self.archive.entries[cell][0] for cell in self.archive.front()]
-        self._look_around([from_nested(entry.node, self.like) for entry in front])
+        self._observe([from_nested(entry.node, self.like) for entry in front])
 
-    def _race(self, nodes: list[NestedTree]) -> list[Entry]:
-        """Let candidates play more and more episodes, ever fewer of them; those that played all."""
+    def _halve(self, nodes: list[NestedTree]) -> list[Entry]:
+        """Let ever fewer candidates play more and more episodes; return those that played all."""
         returns = np.zeros((len(nodes), 0), np.float32)
         for part in ROUNDS:
             if not nodes:
@@ -231,11 +262,11 @@ class _Search:
             more = self._play(nodes, self.epoch[played:until])
             returns = np.concatenate([returns, more], axis=1)
             if until < len(self.epoch):
-                worth = [
+                margins = [
                     float(row.mean()) - self.archive.to_beat(self.archive.cell(node), slice(until))
                     for row, node in zip(returns, nodes, strict=True)
                 ]
-                order = np.argsort(-np.array(worth), kind="stable")[: max(1, len(nodes) // 4)]
+                order = np.argsort(-np.array(margins), kind="stable")[: max(1, len(nodes) // 4)]
                 nodes, returns = [nodes[i] for i in order], returns[order]
         return [Entry(node, row) for node, row in zip(nodes, returns, strict=True)]
 
@@ -251,11 +282,11 @@ class _Search:
         return node
 
     def _within(self, nodes: list[NestedTree]) -> list[NestedTree]:
-        """Those that are not too large, each once."""
+        """Return those that are not too large, each once."""
         return list(dict.fromkeys(node for node in nodes if num_nodes(node) <= self.limit))
 
-    def _look_around(self, trees: list[DecisionTree]) -> None:
-        """See what these trees see."""
+    def _observe(self, trees: list[DecisionTree]) -> None:
+        """Let mutations make a difference among what these trees observe."""
         few = self.epoch[:8]
         seen = np.concatenate([self.evaluator.observe(tree, few) for tree in trees])
         self.mutator = Mutator.for_observations(self.like.actions, seen)

@@ -18,7 +18,6 @@ change which features are tested.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -28,7 +27,7 @@ from jaxtyping import Float32
 from ..seeds import EpisodeBlock, SeedStream
 from ..trees import DecisionTree
 from ..trees.edit import graft_all, leaf_tree, split_tree, subtree, subtree_end
-from .budget import Budget
+from .budget import Budget, Meter
 from .comparison import ReturnCache, successive_halving
 from .evaluators.base import Evaluator
 from .finetune_thresholds import finetune_thresholds
@@ -36,19 +35,20 @@ from .mutations import Leaf, Mutator
 from .prune_by_return import Effort, default_effort, prune_path
 
 DRAW_FACTOR = 4
-"""How often as many as asked for are drawn, where some are alike or change nothing."""
+"""The most draws, as a multiple of the number wanted: some are alike or change nothing."""
 
 
 class SplitInsertion(NamedTuple):
-    """A node, and what is to stand in its place."""
+    """The insertion of a split above a node."""
 
     node: int
     end: int
-    """The first node behind those below it."""
+    """The first node after the node's subtree."""
     part: DecisionTree
+    """The tree that takes the place of the node's subtree."""
 
     def is_disjoint_from(self, other: SplitInsertion) -> bool:
-        """Return True where neither is above the other, so that a tree can have both."""
+        """Return True where neither node is above the other, so that a tree can have both."""
         return self.end <= other.node or other.end <= self.node
 
 
@@ -58,10 +58,19 @@ def sample_insertions(
     number: int,
     rng: np.random.Generator,
 ) -> list[SplitInsertion]:
-    """Draw at most ``number`` different insertions at random; ``observations`` are those the tree acts on.
+    """Sample distinct split insertions.
 
     Each node that saw two different observations is as likely as any other, and so is each feature that differs
-    there. The threshold lies between two values that were seen there. Where nothing ever differs there are none.
+    there. The threshold lies between two values that were seen there.
+
+    Args:
+        tree: The tree.
+        observations: The observations ``[steps, features]`` that it acts on.
+        number: How many to sample at most.
+        rng: The generator that draws.
+
+    Returns:
+        The insertions; fewer where few differ, and none where all observations are the same.
     """
     leaf = np.atleast_1d(tree.apply(observations))
     ends = [subtree_end(tree, node) for node in range(tree.n_nodes)]
@@ -70,9 +79,9 @@ def sample_insertions(
     if not nodes:
         return []
     mutator = Mutator.for_observations(tree.actions, observations)
-    found: dict[tuple[int, DecisionTree], SplitInsertion] = {}
+    sampled: dict[tuple[int, DecisionTree], SplitInsertion] = {}
     for _ in range(DRAW_FACTOR * number):
-        if len(found) == number:
+        if len(sampled) == number:
             break
         node = nodes[int(rng.integers(len(nodes)))]
         here = rows[node]
@@ -88,13 +97,21 @@ def sample_insertions(
         threshold = values[at : at + 2].mean(dtype=np.float64)
         insertion = SplitInsertion(node, ends[node], split_tree(feature, float(threshold), *sides))
         if not (tree.is_leaf[node] and _acts_as(tree, node, other)):
-            found.setdefault((node, insertion.part), insertion)
-    return list(found.values())
+            sampled.setdefault((node, insertion.part), insertion)
+    return list(sampled.values())
 
 
-def apply_insertions(tree: DecisionTree, some: Iterable[SplitInsertion]) -> DecisionTree:
-    """Apply insertions, none of which is above another."""
-    return graft_all(tree, ((insertion.node, insertion.part) for insertion in some))
+def apply_insertions(tree: DecisionTree, insertions: Iterable[SplitInsertion]) -> DecisionTree:
+    """Apply several insertions.
+
+    Args:
+        tree: The tree.
+        insertions: Insertions into it, none of whose nodes is above another's.
+
+    Returns:
+        A tree of two more nodes for each of them.
+    """
+    return graft_all(tree, ((insertion.node, insertion.part) for insertion in insertions))
 
 
 def _acts_as(tree: DecisionTree, leaf: int, other: DecisionTree) -> bool:
@@ -107,10 +124,10 @@ NATIVE = Effort(candidates=128, first=16, last=512, watched=64)
 """Where it plays a hundred thousand."""
 HOSTED = Effort(candidates=32, first=8, last=64, watched=32)
 """Where the host steps the environment."""
-PLANTED = (4, 2, 1)
-"""Of the best, at once."""
+AT_ONCE = (4, 2, 1)
+"""How many of the best insertions are tried together."""
 PATIENCE = 2
-"""Steps in a row that find nothing, after which it is given up."""
+"""Steps in a row without a gain, after which the search ends."""
 
 
 def insert_splits(
@@ -123,59 +140,60 @@ def insert_splits(
     seed: int = 0,
     effort: Effort | None = None,
 ) -> DecisionTree:
-    """Insert splits into a tree, as long as they are found to earn something.
+    """Insert splits into a tree as long as they increase its return.
 
     Args:
-        tree: of any size; with so many ``nodes`` it stays as it is.
-        evaluator: where it plays.
-        nodes: that it shall have, a few more at most.
-        budget: how long to search: it ends with the step that spends it.
-        first_episode: episodes from this number on are played, others in each step.
+        tree: A tree of any size; one of at least ``nodes`` nodes stays as it is.
+        evaluator: The evaluator that plays the trees.
+        nodes: The number of nodes that it shall have; it may get a few more.
+        budget: How long to search; it ends with the step that spends it.
+        first_episode: The first episode that is played; each step plays others.
         seed: With a budget in steps the same seed gives the same tree, bit for bit.
-        effort: how much is played; by default by the kind of evaluator.
+        effort: How much is played in a step; by default by the kind of evaluator.
+
+    Returns:
+        The larger tree; the tree itself where no insertion gains anything.
 
     Raises:
-        ValueError: a tree for other features or actions.
+        ValueError: A tree for other features or actions.
     """
     rng, at, missed = SeedStream(seed).generator(), first_episode, 0
     effort = effort or {"jax": COMPILED, "native": NATIVE}.get(evaluator.spec.backend, HOSTED)
-    began, before = time.perf_counter(), evaluator.steps
-    while tree.n_nodes < nodes and missed < PATIENCE:
-        if evaluator.steps - before >= budget.steps or time.perf_counter() - began >= budget.seconds:
-            break
+    meter = Meter(evaluator)
+    while tree.n_nodes < nodes and missed < PATIENCE and meter.has(budget):
         drawn = sample_insertions(
             tree, evaluator.observe(tree, range(at, at + effort.watched)), effort.candidates, rng
         )
         others = [apply_insertions(tree, [insertion]) for insertion in drawn]
         scores, first, last = ReturnCache(evaluator, at), effort.first, effort.last
-        raced = successive_halving(scores, tree, others, keep=max(PLANTED), first=first, last=last)
-        found = tree
-        if best := _apart([drawn[i] for loss, i in raced if loss < 0]):
-            several = [apply_insertions(tree, best[:number]) for number in PLANTED]
+        ranked = successive_halving(scores, tree, others, keep=max(AT_ONCE), first=first, last=last)
+        better = tree
+        if best := _disjoint([drawn[i] for loss, i in ranked if loss < 0]):
+            several = [apply_insertions(tree, best[:number]) for number in AT_ONCE]
             judged = evaluator.play_variants(tree, several, range(at + last, at + 2 * last)).returns
-            found = [tree, *several][int(judged.mean(axis=1, dtype=np.float64).argmax())]
-        missed = missed + 1 if found is tree else 0
-        tree, at = found, at + 2 * last
+            better = [tree, *several][int(judged.mean(axis=1, dtype=np.float64).argmax())]
+        missed = missed + 1 if better is tree else 0
+        tree, at = better, at + 2 * last
     return tree
 
 
-def _apart(some: Sequence[SplitInsertion]) -> list[SplitInsertion]:
-    """Those that a tree can have together, the first of them first."""
-    found: list[SplitInsertion] = []
-    for insertion in some:
-        if all(insertion.is_disjoint_from(other) for other in found):
-            found.append(insertion)
-    return found
+def _disjoint(insertions: Sequence[SplitInsertion]) -> list[SplitInsertion]:
+    """Return those that a tree can have together; earlier ones come first."""
+    chosen: list[SplitInsertion] = []
+    for insertion in insertions:
+        if all(insertion.is_disjoint_from(other) for other in chosen):
+            chosen.append(insertion)
+    return chosen
 
 
-GROWN = 1.25
-"""To how many times the limit a tree grows."""
-GROWING = 0.5
-"""The part of a budget after which it grows no further."""
-POLISHING = 1 / 3
-"""Budget of each fine-tuning, as a part of what was spent before it."""
+ENLARGED = 1.25
+"""The size to which splits are inserted, as a multiple of the limit."""
+INSERTING = 0.5
+"""The part of a budget after which no more splits are inserted."""
+FINE_TUNING = 1 / 3
+"""The budget of each fine-tuning, as a part of what was spent before it."""
 EPISODES = 1 << 20
-"""That are played at most; growing begins with the first of them."""
+"""The number of episodes that are set aside for one re-splitting."""
 
 
 def resplit(
@@ -192,11 +210,11 @@ def resplit(
 
     Args:
         tree: A tree whose thresholds are fine-tuned already.
-        evaluator: where it plays.
+        evaluator: The evaluator that plays the trees.
         max_nodes: The limit of nodes, which the tree is within already.
-        budget: how long to search; pruning may take it further.
+        budget: How long to search; pruning may take longer.
         episodes: Episodes of a generation of fine-tuning.
-        first_episode: `EPISODES` from this number on are played.
+        first_episode: The first episode that is played; `EPISODES` are set aside from there on.
         seed: With a budget in steps the same seed gives the same tree, bit for bit.
 
     Returns:
@@ -204,40 +222,39 @@ def resplit(
 
     Raises:
         ImportError: pycma is not installed.
-        ValueError: a tree for other features or actions.
+        ValueError: A tree for other features or actions.
     """
-    began, before = time.perf_counter(), evaluator.steps
+    meter = Meter(evaluator)
     parts = [
         EpisodeBlock(first_episode, EPISODES).part(i, 8) for i in range(8)
     ]  # inserting takes the first two
 
     def fine_tuned(one: DecisionTree, block: EpisodeBlock) -> DecisionTree:
         """Fine-tune for a part of what was spent so far, within what is left."""
-        steps, seconds = evaluator.steps - before, time.perf_counter() - began
-        left = Budget(budget.steps - steps, budget.seconds - seconds)
+        left = meter.left(budget)
         return finetune_thresholds(
             [one],
             evaluator,
-            budget=Budget(min(POLISHING * steps, left.steps), left.seconds),
+            budget=Budget(min(FINE_TUNING * meter.steps, left.steps), left.seconds),
             episodes=episodes,
             first_episode=block.start,
             seed=seed,
         )
 
-    grown = insert_splits(
+    enlarged = insert_splits(
         tree,
         evaluator,
-        nodes=int(GROWN * max_nodes),
-        budget=Budget(GROWING * budget.steps, GROWING * budget.seconds),
+        nodes=int(ENLARGED * max_nodes),
+        budget=budget.part(INSERTING),
         first_episode=first_episode,
         seed=seed,
     )
-    if grown is tree:
+    if enlarged is tree:
         return tree
-    larger = fine_tuned(grown, parts[4])
+    larger = fine_tuned(enlarged, parts[4])
     smaller = prune_path(larger, evaluator, smallest=max_nodes, first_episode=parts[2].start)[-1].tree
     better = fine_tuned(smaller, parts[5])
-    rivals = list(dict.fromkeys([tree, smaller, better]))
+    finalists = list(dict.fromkeys([tree, smaller, better]))
     start = parts[3].start
-    judged = evaluator.play(rivals, range(start, start + 4 * default_effort(evaluator).last)).returns
-    return rivals[int(judged.mean(axis=1, dtype=np.float64).argmax())]
+    judged = evaluator.play(finalists, range(start, start + 4 * default_effort(evaluator).last)).returns
+    return finalists[int(judged.mean(axis=1, dtype=np.float64).argmax())]

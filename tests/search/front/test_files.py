@@ -48,6 +48,26 @@ def test_what_is_read_is_what_was_written(saved):
     assert sorted(path.name for path in (folder / "points").iterdir()) == ["003-nodes", "005-nodes"]
 
 
+def test_a_front_of_an_earlier_version_is_read_under_present_names(tmp_path):
+    budget = {"budget": "2m", "methods": ["scratch", "teacher"], "max_nodes": 7}
+    tried = (EvaluatedCandidate(3, 1.0, "tabular"), EvaluatedCandidate(5, 2.0, "by hand"))
+    points = [point(1, 1, method="tabular + prune"), point(3, 2, method="teacher + fine-tune + prune")]
+    run = front(points, candidates=tried, budget=budget)
+    save_front(run, tmp_path, SPEC)
+    content = json.loads((tmp_path / "front.json").read_text())
+    for fields in (content, *content["points"]):
+        fields["spent"] = fields.pop("cost")
+    for fields, method in zip(
+        content["points"], ("lookup + shrink", "teacher + polish + shrink"), strict=True
+    ):
+        fields["road"] = method
+        del fields["method"]
+    content["budget"]["roads"] = content["budget"].pop("methods")
+    content["candidates"][0][2] = "lookup"
+    (tmp_path / "front.json").write_text(json.dumps(content))
+    assert load_front(tmp_path) == run
+
+
 def test_a_point_is_a_run_that_earns_again_what_it_earned(saved):
     folder, run = saved
     for found in run.points:

@@ -82,10 +82,10 @@ def test_a_tree_is_tested_once():
         tested.tested([1.0, 2.0])
 
 
-@pytest.mark.parametrize("road", ["", "two\nlines", "\x1b[31m"])
-def test_a_method_is_a_few_words(road):
+@pytest.mark.parametrize("method", ["", "two\nlines", "\x1b[31m"])
+def test_a_method_is_a_few_words(method):
     with pytest.raises(FrontError, match="method"):
-        point(3, 1, method=road)
+        point(3, 1, method=method)
 
 
 @pytest.mark.parametrize(

@@ -56,14 +56,14 @@ def test_each_level_of_a_tree_is_one_step_further():
 
 
 def test_roads_are_told_apart_without_colours():
-    runs = [front([point(2 * i + 1, i, method=f"road {i}") for i in range(7)])]
+    runs = [front([point(2 * i + 1, i, method=f"method {i}") for i in range(7)])]
     interim_sizes = looks_of(runs)
     assert (
         len({look.marker for look in interim_sizes.values()})
         == len({look.colour for look in interim_sizes.values()})
         == 7
     )
-    again = [front([point(2 * i + 1, 7 - abs(i - 7), method=f"road {i}") for i in (6, 0, 3)][1:])]
+    again = [front([point(2 * i + 1, 7 - abs(i - 7), method=f"method {i}") for i in (6, 0, 3)][1:])]
     assert looks_of([*again, *runs]) == interim_sizes
 
 
@@ -141,13 +141,13 @@ def test_a_label_that_stands_apart_is_led_to_its_mark():
             assert any(np.allclose(line, [mark, near], atol=2) for line in leaders), other
 
 
-@pytest.mark.parametrize("roads", [1, 5, 9])
-def test_the_legend_is_inside_the_picture(roads):
-    points = [point(2 * i + 1, i, method=f"teacher + shrink + evolve {i}") for i in range(roads)]
+@pytest.mark.parametrize("methods", [1, 5, 9])
+def test_the_legend_is_inside_the_picture(methods):
+    points = [point(2 * i + 1, i, method=f"teacher + prune + evolve {i}") for i in range(methods)]
     figure = plot([front(points, seed=seed) for seed in range(2)])
     FigureCanvasAgg(figure).draw()
     [legend] = figure.legends
-    assert len(legend.get_texts()) == roads + 1
+    assert len(legend.get_texts()) == methods + 1
     assert figure.bbox.contains(*legend.get_window_extent().min)
     assert figure.bbox.contains(*legend.get_window_extent().max)
 

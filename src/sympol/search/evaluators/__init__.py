@@ -1,4 +1,4 @@
-"""Evaluators: the return of trees on the same episodes, on whatever plays the environment fastest."""
+"""Evaluators: the returns of trees on shared episodes, by the fastest way to play an environment."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ def make_evaluator(spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> Eva
     Args:
         spec: The environment, as `sympol.resolve` returns it.
         seed: The seed of the episodes, between 0 and 2^32 - 1.
-        purpose: Episodes to search with, or others to choose with.
+        purpose: Episodes to search with, or others to validate with.
 
     Returns:
         The evaluator; environments and compiled programs are opened when it first plays.
 
     Raises:
-        ValueError: If the seed or the purpose is not one of those.
+        ValueError: A seed out of range, or an unknown purpose.
     """
     if spec.env is not None:
         if spec.state_graph() is not None:

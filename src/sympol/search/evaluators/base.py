@@ -1,7 +1,7 @@
-"""The protocol of evaluators: many trees are compared on the same episodes.
+"""The base class of evaluators, which compare many trees on the same episodes.
 
-An episode has a number. Whatever is random in it, its start and its noise, depends on that number, the evaluator's seed
-and its purpose alone, so that two trees in the same episode differ by what they do (common random numbers).
+An episode has a number. Its start and its noise depend only on that number, the evaluator's seed and its purpose, so
+that two trees in the same episode differ only by their actions (common random numbers).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...envs.spec import EnvSpec
 from ...trees import ActionSpec, BoxActions, DecisionTree, DiscreteActions
 
 Purpose: TypeAlias = Literal["refine", "validation"]
-"""Episodes to search with, and others to choose with; neither are ever test episodes."""
+"""Episodes to search with, and others to validate with; neither are test episodes."""
 _MAX_EPISODES = 1 << 31
 
 
@@ -26,16 +26,21 @@ class Returns(NamedTuple):
     """The return and the length of each episode, by tree."""
 
     returns: Float32[np.ndarray, "trees episodes"]
-    """Undiscounted."""
+    """The undiscounted returns."""
     lengths: Int32[np.ndarray, "trees episodes"]
-    """Steps."""
+    """The numbers of steps."""
 
 
 class Evaluator(abc.ABC):
-    """Plays trees on numbered episodes of one environment, deterministically, and counts what that costs.
+    """A player of trees on numbered episodes of one environment, which counts their steps.
+
+    Args:
+        spec: The environment.
+        seed: The seed of the episodes, between 0 and 2^32 - 1.
+        purpose: Episodes to search with, or others to validate with.
 
     Raises:
-        ValueError: a seed or a purpose that there is not.
+        ValueError: A seed out of range, or an unknown purpose.
     """
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
@@ -48,36 +53,58 @@ class Evaluator(abc.ABC):
         self.spec, self.seed = spec, seed
         self.purpose: Purpose = purpose
         self.steps = 0
-        """Environment steps so far, those of `observe` among them."""
+        """Environment steps so far, including those of `observe`."""
 
     def play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         """Play each tree on each of the episodes.
 
+        Args:
+            trees: The trees, at least one.
+            episodes: Consecutive episode numbers.
+
+        Returns:
+            Their returns and lengths ``[trees, episodes]``.
+
         Raises:
-            ValueError: no trees, no episodes, or a tree for other features or actions.
-            EnvironmentFailure: a return that is not finite.
+            ValueError: No trees, no episodes, or a tree for other features or actions.
+            EnvironmentFailure: A return that is not finite.
         """
         self._check(trees, episodes)
         played = self._play(trees, episodes)
         return self._checked(played, episodes, int(played.lengths.sum(dtype=np.int64)))
 
     def play_variants(self, tree: DecisionTree, others: Sequence[DecisionTree], episodes: range) -> Returns:
-        """Play a tree and variants of it, in this order; the returns are those of `play`.
+        """Play a tree and variants of it.
 
         Where an evaluator can, steps that variants share with the tree are played once, and count once.
 
+        Args:
+            tree: The tree.
+            others: Its variants.
+            episodes: Consecutive episode numbers.
+
+        Returns:
+            The same as of `play`, first of the tree and then of the variants.
+
         Raises:
-            ValueError, EnvironmentFailure: as `play` does.
+            ValueError, EnvironmentFailure: As `play` does.
         """
         self._check([tree, *others], episodes)
         played, steps = self._play_variants([tree, *others], episodes)
         return self._checked(played, episodes, steps)
 
     def observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
-        """Return the observations that a tree acts on in these episodes, one row per step, episode by episode.
+        """Return the observations that a tree acts on.
+
+        Args:
+            tree: The tree.
+            episodes: Consecutive episode numbers.
+
+        Returns:
+            The observations ``[steps, features]``, episode by episode.
 
         Raises:
-            ValueError: as `play` does.
+            ValueError: As `play` does.
         """
         self._check([tree], episodes)
         seen = self._observe(tree, episodes)
@@ -118,7 +145,7 @@ class Evaluator(abc.ABC):
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns: ...
 
     def _play_variants(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Returns, int]:
-        """And how many steps that took; most do what the first does."""
+        """Play variants of the first tree; return the number of steps, too."""
         played = self._play(trees, episodes)
         return played, int(played.lengths.sum(dtype=np.int64))
 
@@ -127,7 +154,7 @@ class Evaluator(abc.ABC):
 
 
 def _plain(actions: ActionSpec) -> tuple[object, ...]:
-    """What actions are, whatever they are called and whatever their noise."""
+    """Return what must agree between actions: neither their names nor their noise."""
     if isinstance(actions, BoxActions):
         return actions.low, actions.high, actions.shape
     return actions.n if isinstance(actions, DiscreteActions) else actions.nvec, actions.start

@@ -1,4 +1,4 @@
-"""The evaluator of an environment that only Gymnasium has: copies stepped one after the other, answered together."""
+"""The evaluator of environments that only Gymnasium has: copies stepped in turn, their actions computed together."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .packed_trees import StackedTrees, leaf_actions
 
 
 class GymnasiumEvaluator(Evaluator):
-    """See the module.
+    """An evaluator that steps copies of a Gymnasium environment.
 
-    Copies are kept and reset for later episodes, each with that episode's seed; as in training, what an environment
-    remembers beyond a reset is its own affair.
+    Copies are kept and reset for later episodes, each with that episode's seed; as in training, an environment must
+    not remember anything beyond a reset.
     """
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
@@ -43,17 +43,17 @@ class GymnasiumEvaluator(Evaluator):
 
     def _run(self, trees: Sequence[DecisionTree], episodes: range, *, watch: bool) -> SideBySide:
         packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
-        does = leaf_actions(packed, self.spec)
+        actions = leaf_actions(packed, self.spec)
 
         def act(jobs: ndarray, x: ndarray) -> ndarray:
             tree = jobs // len(episodes)
-            return does[tree, packed.apply(tree, x)]
+            return actions[tree, packed.apply(tree, x)]
 
         seeds = [episode_seed(self.seed, episode, self.purpose) for episode in episodes] * len(trees)
         return play_side_by_side(act, self.spec, self._opened(), seeds, limit=self._limit, watch=watch)
 
     def _opened(self) -> Sequence[gymnasium.Env]:
-        """The copies, opened when they are first needed and closed with the evaluator."""
+        """Return the copies, opened when they are first needed and closed with the evaluator."""
         if self._copies is None:
             stack = contextlib.ExitStack()
             self._copies = stack.enter_context(open_copies(self.spec, self.spec.most_copies))

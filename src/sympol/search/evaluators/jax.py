@@ -31,9 +31,9 @@ from .packed_trees import MAX_LEAVES, BitmaskTrees, PointerTrees, StackedTrees
 BATCH_SIZE = 256
 """Episodes that run side by side."""
 REFILL = BATCH_SIZE // 8
-"""Episodes that begin at once: lanes that are done wait for as many others. To begin costs more than to step."""
+"""Episodes that begin together: finished lanes wait until there are so many, as a reset costs more than a step."""
 UNROLL = 8
-"""Steps before the lanes that are done are counted."""
+"""Steps after which finished lanes are counted."""
 MAX_JOBS = 1 << 14
 """Episodes in one call, of all its trees together."""
 OBSERVED_AT_ONCE = 16
@@ -46,7 +46,7 @@ class RolloutBatch(NamedTuple):
     """The episodes that are stepped together, one per lane."""
 
     job: Int[Array, " lanes"]
-    """`MAX_JOBS` where there is none."""
+    """The number of the job; `MAX_JOBS` where there is none."""
     tree: Int[Array, " lanes"]
     key: UInt32[Array, "lanes 2"]
     env_state: Any
@@ -57,18 +57,26 @@ class RolloutBatch(NamedTuple):
 
 
 def keys_of(base: Array, number: Int[Array, ""]) -> tuple[Array, Array]:
-    """Return the keys of a numbered episode: one for its start, one for its steps."""
+    """Return the keys of a numbered episode.
+
+    Args:
+        base: The key of the evaluator.
+        number: The number of the episode.
+
+    Returns:
+        A key for its start, and one for its steps.
+    """
     reset_key, step_key = jax.random.split(jax.random.fold_in(base, number))
     return reset_key, step_key
 
 
 class _Player(NamedTuple):
-    """An environment many times, and what trees do in it."""
+    """Many copies of an environment, and the trees that act in them."""
 
     env: Env
     forest: PackedTrees
     leaf_actions: Array
-    """What each leaf of each tree does, as the environment takes it ``[trees · leaves, ...]``."""
+    """The action of each leaf of each tree as the environment takes it ``[trees · leaves, ...]``."""
 
     @staticmethod
     def of(env: Env, forest: PackedTrees) -> _Player:
@@ -78,13 +86,13 @@ class _Player(NamedTuple):
 
     @property
     def limit(self) -> int:
-        """Steps of the longest episode."""
+        """The number of steps of the longest episode."""
         return getattr(self.env, "max_episode_steps", None) or MAX_EPISODE_STEPS
 
     def begin(
         self, key: Array, job: Int[Array, " lanes"], tree: Int[Array, " lanes"], number: Int[Array, " lanes"]
     ) -> RolloutBatch:
-        """Numbered episodes."""
+        """Begin numbered episodes."""
         base = jax.random.wrap_key_data(key)
 
         def one(number: Int[Array, ""]) -> tuple[Array, Any, Array]:
@@ -95,7 +103,7 @@ class _Player(NamedTuple):
         return RolloutBatch(job, tree, *jax.vmap(one)(number), zero, jnp.zeros(job.shape), zero > 0)
 
     def step(self, lanes: RolloutBatch, tree_slices: tuple[Array, ...]) -> RolloutBatch:
-        """One step of each lane; of those that were done before it only the state moves on."""
+        """Step each lane; lanes that were finished before keep their time, return and flag."""
         leaf = self.forest.apply(lanes.tree, tree_slices, lanes.observation)
         action = self.leaf_actions[lanes.tree * self.forest.value.shape[1] + leaf]
         now = jax.vmap(jax.random.fold_in)(jax.random.wrap_key_data(lanes.key), lanes.time)
@@ -112,7 +120,7 @@ class _Player(NamedTuple):
 
 
 class _Queue(NamedTuple):
-    """The lanes, what they hold of their trees, how many jobs they have taken, and what came of those."""
+    """The lanes, their trees, the number of jobs taken, and the results of the finished ones."""
 
     taken: Int[Array, ""]
     lanes: RolloutBatch
@@ -121,7 +129,7 @@ class _Queue(NamedTuple):
     lengths: Int[Array, " jobs"]
 
     def written(self, where: Int[Array, " some"]) -> _Queue:
-        """With the results of these lanes; of none where the number is no lane's."""
+        """Write the results of some lanes; a number that is no lane's writes nothing."""
         job = self.lanes.job.at[where].get(mode="fill", fill_value=MAX_JOBS)
         total, time = (part.at[where].get(mode="clip") for part in (self.lanes.total, self.lanes.time))
         return self._replace(
@@ -136,9 +144,14 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @functools.lru_cache(maxsize=16)
 def compile_play(env: Env) -> Callable[..., tuple[Array, Array]]:
-    """``run(forest, key, first, num_episodes, num_trees)``: returns and lengths of the jobs.
+    """Compile the program that plays many trees.
 
-    The job of a tree in an episode has the number tree · num_episodes + episode.
+    Args:
+        env: The environment.
+
+    Returns:
+        ``run(forest, key, first, num_episodes, num_trees)``, which returns the returns and lengths ``[jobs]``. The job
+        of a tree in an episode has the number tree · num_episodes + episode.
     """
 
     def run(
@@ -155,7 +168,7 @@ def compile_play(env: Env) -> Callable[..., tuple[Array, Array]]:
             job = queue.taken + jnp.arange(REFILL)
             where = jnp.where(
                 job < num_jobs, free, BATCH_SIZE
-            )  # what goes to a lane beyond the last is dropped
+            )  # writes to a lane beyond the last are dropped
             new = begin(job)
             return queue.written(where)._replace(
                 taken=queue.taken + jnp.sum(where < BATCH_SIZE),
@@ -195,12 +208,17 @@ def compile_play(env: Env) -> Callable[..., tuple[Array, Array]]:
 
 @functools.lru_cache(maxsize=16)
 def compile_observe(env: Env) -> Callable[..., tuple[Array, Array]]:
-    """``watch(forest, key, first)``: what the first tree sees in so many episodes ``[time, episodes, features]``.
+    """Compile the program that observes one tree.
 
-    And at which times an episode is still going on.
+    Args:
+        env: The environment.
+
+    Returns:
+        ``observe(forest, key, first)``, which returns the observations ``[time, episodes, features]`` of the first
+        tree in `OBSERVED_AT_ONCE` episodes, and at which times each is running ``[time, episodes]``.
     """
 
-    def watch(forest: PackedTrees, key: Array, first: Array) -> tuple[Array, Array]:
+    def observe(forest: PackedTrees, key: Array, first: Array) -> tuple[Array, Array]:
         world, zero = _Player.of(env, forest), jnp.zeros(OBSERVED_AT_ONCE, jnp.int32)
         tree_slices = forest.tree_slices(zero)
 
@@ -217,7 +235,7 @@ def compile_observe(env: Env) -> Callable[..., tuple[Array, Array]]:
         )
         return jax.lax.while_loop(lambda c: ~jnp.all(c[0].done), one_step, (lanes, *nothing))[1:]
 
-    return _compiled(watch)
+    return _compiled(observe)
 
 
 MAX_TREES = 1 << 8
@@ -225,7 +243,7 @@ MAX_TREES = 1 << 8
 
 
 class JaxEvaluator(Evaluator):
-    """See the module."""
+    """An evaluator that plays episodes in a compiled program."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
         super().__init__(spec, seed, purpose)
@@ -251,11 +269,11 @@ class JaxEvaluator(Evaluator):
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
         require_no_fork()
-        watch, forest = compile_observe(self._env), _forest([tree], 1)
+        observe, forest = compile_observe(self._env), _forest([tree], 1)
         seen = []
         for i in range(0, len(episodes), OBSERVED_AT_ONCE):
             numbers = episodes[i : i + OBSERVED_AT_ONCE]
-            rows, running = map(np.asarray, watch(forest, self._key, np.int32(numbers.start)))
+            rows, running = map(np.asarray, observe(forest, self._key, np.int32(numbers.start)))
             seen += [rows[running[:, k], k] for k in range(len(numbers))]
         return np.concatenate(seen)
 

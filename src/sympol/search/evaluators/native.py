@@ -1,4 +1,4 @@
-"""The evaluator of environments with machine code: whole episodes, a thread for each processor."""
+"""The evaluator of environments with machine code, which plays whole episodes in one thread per processor."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class NativeEvaluator(Evaluator):
-    """See the module."""
+    """An evaluator that plays episodes by an environment's native engine."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
         super().__init__(spec, seed, purpose)
@@ -34,9 +34,9 @@ class NativeEvaluator(Evaluator):
         actions = leaf_actions(packed, self.spec)
         seeds = np.tile(self._seeds(episodes), len(trees))
         tree = np.repeat(np.arange(len(trees), dtype=np.int32), len(episodes))
-        flown = _shared(lambda part: self._engine.play(packed, actions, tree[part], seeds[part]))
+        played = _shared(lambda part: self._engine.play(packed, actions, tree[part], seeds[part]))
         returns, lengths = np.zeros(len(seeds), np.float32), np.zeros(len(seeds), np.int32)
-        for part, (earned, took) in flown:
+        for part, (earned, took) in played:
             returns[part], lengths[part] = earned, took
         shape = len(trees), len(episodes)
         return Returns(returns.reshape(shape), lengths.reshape(shape))
@@ -44,12 +44,12 @@ class NativeEvaluator(Evaluator):
     def _play_variants(self, trees: Sequence[DecisionTree], episodes: range) -> tuple[Returns, int]:
         packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
         actions, seeds = leaf_actions(packed, self.spec), self._seeds(episodes)
-        flown = _shared(lambda part: self._engine.play_similar(packed, actions, seeds[part]))
+        parts = _shared(lambda part: self._engine.play_similar(packed, actions, seeds[part]))
         shape = len(trees), len(seeds)
         played = Returns(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
-        for part, (earned, took, _) in flown:
+        for part, (earned, took, _) in parts:
             played.returns[:, part], played.lengths[:, part] = earned, took
-        return played, sum(steps for _, (*_, steps) in flown)
+        return played, sum(steps for _, (*_, steps) in parts)
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[ndarray, "steps features"]:
         packed = StackedTrees.of([tree], 1, tree.n_nodes)
@@ -59,9 +59,9 @@ class NativeEvaluator(Evaluator):
         return np.array([episode_seed(self.seed, episode, self.purpose) for episode in episodes], np.uint64)
 
 
-def _shared(fly_part: Callable[[slice], T]) -> list[tuple[slice, T]]:
-    """What each thread's part of the episodes brings; each has some of every tree's."""
+def _shared(play_part: Callable[[slice], T]) -> list[tuple[slice, T]]:
+    """Play a part of the episodes in each thread, some of every tree's; return the parts with their results."""
     number = threads()
     parts = [slice(i, None, number) for i in range(number)]
     with ThreadPoolExecutor(number) as pool:
-        return list(zip(parts, pool.map(fly_part, parts), strict=True))
+        return list(zip(parts, pool.map(play_part, parts), strict=True))

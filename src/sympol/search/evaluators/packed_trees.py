@@ -1,7 +1,7 @@
 """Many trees packed into arrays, so that a few array operations evaluate all of them.
 
-`StackedTrees` are walked in NumPy. In a compiled program, large trees are walked down by their links
-(`PointerTrees`), and small ones are evaluated without walking (`BitmaskTrees`), by all their comparisons and
+`StackedTrees` are evaluated in NumPy. In a compiled program, large trees are evaluated by following their links
+(`PointerTrees`), and small ones without (`BitmaskTrees`), by all their comparisons and
 one word of bits: each leaf is a bit, the leftmost the lowest. An observation that goes right at a node cannot
 reach a leaf to its left, so those bits are cleared; after all nodes, the lowest bit left is the leaf (Lucchese
 et al., 2015, QuickScorer). In place of a gather for each level, which a compiled program takes one at a time,
@@ -26,7 +26,7 @@ from ...trees import DecisionTree
 
 
 class StackedTrees(NamedTuple):
-    """Trees padded to the same number of nodes; a leaf is its own child, so walking on changes nothing."""
+    """Trees padded to the same number of nodes; a leaf is its own child, so that further steps change nothing."""
 
     feature: Int[ndarray, "trees nodes"]
     threshold: Float32[ndarray, "trees nodes"]
@@ -34,11 +34,20 @@ class StackedTrees(NamedTuple):
     right: Int[ndarray, "trees nodes"]
     value: Float32[ndarray, "trees nodes outputs"]
     depth: Int[ndarray, ""]
-    """Of the deepest."""
+    """The depth of the deepest tree."""
 
     @staticmethod
     def of(trees: Sequence[DecisionTree], num_trees: int, num_nodes: int) -> StackedTrees:
-        """Pack them; the rows beyond them are of no meaning."""
+        """Pack trees.
+
+        Args:
+            trees: The trees.
+            num_trees: The number of rows; those beyond the trees have no meaning.
+            num_nodes: The number of nodes of a row.
+
+        Returns:
+            The packed trees.
+        """
         rows, outputs = (num_trees, num_nodes), trees[0].actions.n_outputs
         packed = StackedTrees(
             feature=np.zeros(rows, np.int32),
@@ -60,7 +69,15 @@ class StackedTrees(NamedTuple):
     def apply(
         self, tree: Int[ndarray, " batch"], x: Float32[ndarray, "batch features"]
     ) -> Int[ndarray, " batch"]:
-        """The leaf in which each observation ends in its own tree; observations are flushed."""
+        """Return the leaf that each observation reaches.
+
+        Args:
+            tree: The number of the tree of each observation ``[batch]``.
+            x: The observations ``[batch, features]``, with subnormal numbers flushed to 0.
+
+        Returns:
+            Numbers of nodes ``[batch]``.
+        """
         node, row = np.zeros_like(tree), np.arange(len(tree))
         for _ in range(int(self.depth)):
             goes_left = x[row, self.feature[tree, node]] <= self.threshold[tree, node]
@@ -69,38 +86,46 @@ class StackedTrees(NamedTuple):
 
 
 def leaf_actions(packed: StackedTrees, spec: EnvSpec) -> ndarray:
-    """Return the action of each leaf of each tree, as the environment takes it: ``[trees, nodes, ...]``."""
+    """Return the action of each leaf as the environment takes it.
+
+    Args:
+        packed: The trees.
+        spec: The environment.
+
+    Returns:
+        Actions ``[trees, nodes, ...]``.
+    """
     trees, nodes, outputs = packed.value.shape
     actions = fitted_actions(spec.actions.decide(packed.value.reshape(-1, outputs)), spec.action_space)
     return actions.reshape(trees, nodes, *actions.shape[1:])
 
 
 class PointerTrees(NamedTuple):
-    """`StackedTrees` with one row a node of any tree, as gathers like it; the work grows with the depth alone."""
+    """`StackedTrees` with one row for each node of any tree, which suits gathers; work grows with the depth alone."""
 
     feature: Int[ndarray, " rows"]
     threshold: Float32[ndarray, " rows"]
     children: Int[ndarray, " rows*2"]
-    """Of each row the left one and the right one, as rows."""
+    """The rows of the left and the right child of each row."""
     value: Float32[ndarray, "trees nodes outputs"]
     depth: Int[ndarray, ""]
 
     @staticmethod
     def of(packed: StackedTrees) -> PointerTrees:
-        """Lay them out."""
+        """Convert stacked trees."""
         first = np.arange(packed.feature.size, step=packed.feature.shape[1], dtype=np.int32)[:, None, None]
         children = np.stack([packed.left, packed.right], axis=-1) + first
         flat = packed.feature.ravel(), packed.threshold.ravel(), children.ravel()
         return PointerTrees(*flat, packed.value, packed.depth)
 
     def tree_slices(self, tree: Int[Array, " lanes"]) -> tuple[Array, ...]:
-        """Nothing that a lane would have to keep of its tree."""
+        """Return nothing: a lane keeps no arrays of its tree."""
         return ()
 
     def apply(
         self, tree: Int[Array, " lanes"], tree_slices: tuple[Array, ...], x: Float[Array, "lanes features"]
     ) -> Int[Array, " lanes"]:
-        """Return the node in which each lane's observation ends."""
+        """Return the node that each lane's observation reaches."""
         numbers, first = x.ravel(), jnp.arange(len(x)) * x.shape[1]
 
         def down(_: Int[Array, ""], row: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
@@ -116,27 +141,35 @@ def _at(values: Array | ndarray, index: Int[Array, " lanes"]) -> Array:
 
 
 MAX_LEAVES = 32
-"""Bits of a word."""
+"""The bits of a word, and so the leaves of the largest tree."""
 BLOCK = 8
-"""Nodes that are asked in one go; blocks beyond those of the largest tree are left out."""
+"""Nodes that are evaluated at once; blocks beyond those of the largest tree are left out."""
 FEW = 16
-"""Features up to which one is chosen by comparing its number with all of theirs; beyond, by a gather."""
+"""The most features for which one is selected by comparisons; with more of them, by a gather."""
 ALL = np.uint32(0xFFFFFFFF)
 
 
 class BitmaskTrees(NamedTuple):
-    """Trees of up to `MAX_LEAVES` leaves. Nodes are inner ones, padded with such as clear nothing."""
+    """Trees of up to `MAX_LEAVES` leaves, as their inner nodes; padding clears no bits."""
 
     feature: Int[ndarray, "trees nodes"]
     threshold: Float32[ndarray, "trees nodes"]
     mask: UInt32[ndarray, "trees nodes"]
-    """Without the leaves to the left of the node."""
+    """The bits of all leaves but those to the left of the node."""
     value: Float32[ndarray, "trees leaves outputs"]
     num_blocks: Int[ndarray, ""]
 
     @staticmethod
     def of(trees: Sequence[DecisionTree], num_trees: int) -> BitmaskTrees:
-        """Pack them; the rows beyond them are of no meaning."""
+        """Pack trees.
+
+        Args:
+            trees: The trees.
+            num_trees: The number of rows; those beyond the trees have no meaning.
+
+        Returns:
+            The packed trees.
+        """
         rows, outputs = (num_trees, MAX_LEAVES), trees[0].actions.n_outputs
         most = max(tree.n_leaves for tree in trees) - 1
         masked = BitmaskTrees(
@@ -148,7 +181,7 @@ class BitmaskTrees(NamedTuple):
         )
         for i, tree in enumerate(trees):
             inner = np.flatnonzero(~tree.is_leaf)
-            # preorder: what is left of node n are the nodes from n + 1 to its right child
+            # preorder: the left subtree of node n are the nodes from n + 1 to its right child
             before = np.concatenate([[0], np.cumsum(tree.is_leaf)]).astype(np.uint64)
             first, last = (np.uint64(1) << before[at] for at in (inner + 1, tree.children_right[inner]))
             own = np.arange(len(inner))
@@ -165,25 +198,25 @@ class BitmaskTrees(NamedTuple):
     def apply(
         self, tree: Int[Array, " lanes"], tree_slices: tuple[Array, ...], x: Float[Array, "lanes features"]
     ) -> Int[Array, " lanes"]:
-        """Return the leaf in which each lane's observation ends, counted from the left."""
-        # as they are, not computed anew for each node: the step that led to them would be
+        """Return the leaf that each lane's observation reaches, counted from the left."""
+        # a barrier, or the step that led to them would be computed again for each node
         columns = jax.lax.optimization_barrier(x.T)
 
-        def ask(block: Int[Array, ""], bits: UInt32[Array, " lanes"]) -> UInt32[Array, " lanes"]:
+        def clear_bits(block: Int[Array, ""], bits: UInt32[Array, " lanes"]) -> UInt32[Array, " lanes"]:
             start = block * BLOCK
             feature, threshold, mask = (
                 jax.lax.dynamic_slice_in_dim(part, start, BLOCK) for part in tree_slices
             )
             for i in range(BLOCK):
-                left = _looked_at(columns, feature[i]) <= threshold[i]
+                left = _selected(columns, feature[i]) <= threshold[i]
                 bits = bits & jnp.where(left, ALL, mask[i])
             return bits
 
-        bits = jax.lax.fori_loop(0, self.num_blocks, ask, jnp.full(len(x), ALL))
+        bits = jax.lax.fori_loop(0, self.num_blocks, clear_bits, jnp.full(len(x), ALL))
         return 31 - jax.lax.clz(bits & -bits).astype(jnp.int32)
 
 
-def _looked_at(
+def _selected(
     columns: Float[Array, "features lanes"], feature: Int[Array, " lanes"]
 ) -> Float[Array, " lanes"]:
     num_features, lanes = columns.shape

@@ -1,10 +1,10 @@
-"""The evaluator of a world so small that all its states are listed (`sympol.envs.capabilities.StateGraph`).
+"""The evaluator of environments whose states are all listed (`sympol.envs.capabilities.StateGraph`).
 
-A tree is evaluated once on each observation there is. An episode then is a walk through a table of where each action
-leads. A walk that reaches the same state again repeats itself for ever, as nothing else is remembered: it earns
-nothing, and need not be followed until its time is over (Brent's algorithm detects that).
+A tree is evaluated once on each observation there is. An episode is then a path through a table of transitions. A path
+that reaches the same state again repeats itself for ever, because a tree has no memory: it earns nothing, and need not
+be followed until its time is over (Brent's algorithm detects that).
 
-Episodes, returns and lengths are those of `JaxEvaluator`, to the bit.
+Episodes, returns and lengths are those of `JaxEvaluator`, bit for bit.
 """
 
 from __future__ import annotations
@@ -28,14 +28,23 @@ from .base import Evaluator, Purpose, Returns
 from .jax import keys_of
 from .packed_trees import StackedTrees, leaf_actions
 
-ASKED = 1 << 16
-"""Observations that trees are asked about in one go, those of each tree counted."""
+BATCH_SIZE = 1 << 16
+"""Observations of all trees together that are evaluated at once."""
 
 
 def play_table(
     graph: StateGraph, act: Int[np.ndarray, "policies observations"], starts: Int[np.ndarray, " starts"]
 ) -> Returns:
-    """Return what each policy, an action for each observation, earns from each state, and in how many steps."""
+    """Play policies from states by a table of transitions.
+
+    Args:
+        graph: The states and transitions of the environment.
+        act: The action of each policy on each observation ``[policies, observations]``.
+        starts: The states ``[starts]`` from which each policy plays.
+
+    Returns:
+        Returns and lengths ``[policies, starts]``.
+    """
     successor, limit = graph.successor, graph.max_steps
     job = np.arange(len(act) * len(starts))
     policy, state = np.repeat(np.arange(len(act)), len(starts)), np.tile(starts, len(act))
@@ -47,8 +56,8 @@ def play_table(
         over = after < 0
         arrives = graph.reaches_goal[state[over], action[over]]
         lengths[job[over]], returns[job[over]] = time, np.where(arrives, graph.reward_at[time], 0)
-        goes_on = ~over & (after != mark)
-        job, policy, state, mark = job[goes_on], policy[goes_on], after[goes_on], mark[goes_on]
+        continues = ~over & (after != mark)
+        job, policy, state, mark = job[continues], policy[continues], after[continues], mark[continues]
         if not job.size:
             break
         if time & (time - 1) == 0:
@@ -58,7 +67,16 @@ def play_table(
 
 
 def path(graph: StateGraph, act: Int[np.ndarray, " observations"], start: int) -> list[int]:
-    """Return the states in which a policy acts, from one state on until the episode is over."""
+    """Return the states in which a policy acts.
+
+    Args:
+        graph: The states and transitions of the environment.
+        act: The action of the policy on each observation ``[observations]``.
+        start: The first state.
+
+    Returns:
+        The states of one episode, from the first on.
+    """
     states = [start]
     while len(states) < graph.max_steps:
         after = int(graph.successor[states[-1], act[graph.observation_of[states[-1]]]])
@@ -69,7 +87,7 @@ def path(graph: StateGraph, act: Int[np.ndarray, " observations"], start: int) -
 
 
 class TabularEvaluator(Evaluator):
-    """See the module. For environments that have a state graph."""
+    """An evaluator by table lookup, for environments that have a state graph."""
 
     def __init__(self, spec: EnvSpec, seed: int, purpose: Purpose = "refine") -> None:
         super().__init__(spec, seed, purpose)
@@ -79,31 +97,38 @@ class TabularEvaluator(Evaluator):
         self._env: Env = spec.env
         self.graph = graph
         self._key = np.array([PURPOSE_TAGS[purpose], seed], np.uint32)
-        self._begun: dict[range, Int[np.ndarray, " episodes"]] = {}
+        self._starts: dict[range, Int[np.ndarray, " episodes"]] = {}
 
     def _play(self, trees: Sequence[DecisionTree], episodes: range) -> Returns:
         starts, episode = np.unique(self.starts(episodes), return_inverse=True)
-        rows = max(1, ASKED // len(self.graph.observations))
+        rows = max(1, BATCH_SIZE // len(self.graph.observations))
         acts = (self._actions(trees[i : i + rows]) for i in range(0, len(trees), rows))
         parts = [play_table(self.graph, act, starts) for act in acts]
         return Returns(*(np.concatenate(part)[:, episode] for part in zip(*parts, strict=True)))
 
     def _observe(self, tree: DecisionTree, episodes: range) -> Float32[np.ndarray, "steps features"]:
         act = self._actions([tree])[0]
-        ways = (path(self.graph, act, start) for start in self.starts(episodes).tolist())
-        return self.graph.observations[self.graph.observation_of[[state for way in ways for state in way]]]
+        paths = (path(self.graph, act, start) for start in self.starts(episodes).tolist())
+        return self.graph.observations[self.graph.observation_of[[state for one in paths for state in one]]]
 
     def starts(self, episodes: range) -> Int[np.ndarray, " episodes"]:
-        """The state that each episode starts in."""
-        if episodes not in self._begun:
+        """Return the first state of each episode.
+
+        Args:
+            episodes: Consecutive episode numbers.
+
+        Returns:
+            Numbers of states ``[episodes]``.
+        """
+        if episodes not in self._starts:
             numbers = np.arange(episodes.start, episodes.stop, dtype=np.int32)
-            begin = _beginning(self._env)
+            begin = _first_states(self._env)
             states = call_in_batches(lambda rows: begin(self._key, rows), numbers)
-            self._begun[episodes] = self.graph.index(states)
-        return self._begun[episodes]
+            self._starts[episodes] = self.graph.index(states)
+        return self._starts[episodes]
 
     def _actions(self, trees: Sequence[DecisionTree]) -> Int[np.ndarray, "trees observations"]:
-        """What each tree does on each observation."""
+        """Return the action of each tree on each observation."""
         packed = StackedTrees.of(trees, len(trees), max(tree.n_nodes for tree in trees))
         shape = len(trees), len(self.graph.observations)
         tree = np.repeat(np.arange(shape[0]), shape[1])
@@ -112,8 +137,8 @@ class TabularEvaluator(Evaluator):
 
 
 @lru_cache(maxsize=4)
-def _beginning(env: Env) -> Callable[..., Any]:
-    """The states that numbered episodes start in."""
+def _first_states(env: Env) -> Callable[..., Any]:
+    """Return a compiled function from episode numbers to first states."""
 
     def begin(key: jax.Array, numbers: Int[jax.Array, " episodes"]) -> Any:
         base = jax.random.wrap_key_data(key)

@@ -22,9 +22,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ... import files
 from ...bounded import parse_json
 from ...results.json_io import dumps, plain
-from ...results.records import from_fields
+from ...results.records import from_fields, renamed
 from ...trees import DecisionTree
 from ..budget import Cost
+from .config import SearchConfig
 from .front import EvaluatedCandidate, Front, FrontError, Point, ReturnSummary, current_method
 
 if TYPE_CHECKING:
@@ -37,8 +38,6 @@ TreeOf: TypeAlias = Callable[[dict[str, Any]], DecisionTree]
 """A function from the fields of a point to its tree; it removes the fields that only it knows."""
 _POINTS = "points"
 _POINT = re.compile(r"\d{3,}-nodes")
-_FORMER_NAMES = {"road": "method", "roads": "methods", "spent": "cost"}
-"""Names of fields in files of earlier versions, and their present names."""
 
 
 def point_folder(folder: str | PathLike[str], point: Point) -> Path:
@@ -216,24 +215,19 @@ def front_from(content: Mapping[str, Any], tree_of: TreeOf) -> Front:
     Raises:
         FrontError, ValueError, TypeError, KeyError: They are not as they were written.
     """
-    fields = _current(content)
+    fields = renamed(Front, content)
     for name in ("environment", "commit", "date"):
         if not isinstance(fields[name], str):
             raise FrontError(f"{name} must be text, got {fields[name]!r}")
     for name in ("budget", "versions"):
         if not isinstance(fields[name], dict):
             raise FrontError(f"{name} must be an object, got {fields[name]!r}")
-    fields["budget"] = _current(fields["budget"])
-    fields["points"] = tuple(_point(_current(point), tree_of) for point in fields["points"])
+    fields["budget"] = renamed(SearchConfig, fields["budget"])
+    fields["points"] = tuple(_point(renamed(Point, point), tree_of) for point in fields["points"])
     candidates = (EvaluatedCandidate(*row) for row in fields["candidates"])
     fields["candidates"] = tuple(one._replace(method=current_method(one.method)) for one in candidates)
     fields["cost"] = from_fields(Cost, fields["cost"])
     return Front(**fields)
-
-
-def _current(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields under their present names."""
-    return {_FORMER_NAMES.get(name, name): value for name, value in fields.items()}
 
 
 def _point(fields: dict[str, Any], tree_of: TreeOf) -> Point:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -94,6 +94,8 @@ class ReturnSummary:
 @dataclass(frozen=True)
 class Point:
     """One tree of a front, how it was made, and its returns."""
+
+    FORMER_NAMES: ClassVar[Mapping[str, str]] = {"road": "method", "spent": "cost"}
 
     tree: DecisionTree
     validation: ReturnSummary
@@ -210,6 +212,8 @@ def non_dominated(points: Iterable[Point]) -> list[Point]:
 @dataclass(frozen=True)
 class Front:
     """The result of one whole search on one task."""
+
+    FORMER_NAMES: ClassVar[Mapping[str, str]] = {"spent": "cost"}
 
     environment: str
     seed: int

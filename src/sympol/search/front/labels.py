@@ -1,4 +1,4 @@
-"""Labels of marks, put where they cover nothing."""
+"""Labels of marks in a panel, placed where they cover nothing."""
 
 from __future__ import annotations
 
@@ -13,67 +13,69 @@ if TYPE_CHECKING:
 
 _SIZE = 6.5
 _MARK = 4.0
-"""Points around a mark that are its own."""
-
-
-_FAR = 8.0
-"""Points from a mark from which on a label is led to it."""
-_STRAY = 200.0
-"""Pixels squared that a label rather covers than to look like another mark's."""
-_WORDS = 10
-"""How much worse it is to cover another label than a mark."""
+"""The radius of a mark, in points."""
+_LEADER = 8.0
+"""The distance from its mark beyond which a label gets a leader line, in points."""
+_ASTRAY = 200.0
+"""The cost of a label that is nearer to another mark, in covered pixels."""
+_OVER_LABEL = 10
+"""The cost of covering another label, as a multiple of covering a mark."""
 
 
 class Label(NamedTuple):
-    """Words for a place in a panel."""
+    """A text beside a mark of a panel."""
 
     x: float | None
-    """None for a line all across."""
+    """None for a line across the panel."""
     y: float
-    words: str
+    text: str
     colour: str
 
 
 def place_labels(ax: Axes, labels: list[Label]) -> None:
-    """Put every label beside what it is of, near, inside the panel, off all marks and off the other labels.
+    """Place every label near its mark, inside the panel, beside all marks and other labels.
 
-    Where no place is free of everything, the one that covers least.
+    Where no position is free, the one that covers least is taken.
+
+    Args:
+        ax: The panel, in which everything else is drawn already.
+        labels: The labels.
     """
     figure = ax.figure.canvas.figure
-    figure.draw_without_rendering()  # a text's size is known once it has been laid out
+    figure.draw_without_rendering()  # texts have a size only after a layout
     pixels = figure.dpi / 72
     marks, written = _marks(ax, labels, pixels), np.empty((0, 4))
     owners = ax.transData.transform([(np.inf if label.x is None else label.x, label.y) for label in labels])
     for own, label in enumerate(labels):
-        text = ax.text(0, 0, label.words, size=_SIZE, color=label.colour, ha="center", va="center", zorder=5)
+        text = ax.text(0, 0, label.text, size=_SIZE, color=label.colour, ha="center", va="center", zorder=5)
         extent = text.get_window_extent()
         half = np.array([extent.width, extent.height]) / 2
-        centres = _places(ax, label, half, pixels)
+        centres = _positions(ax, label, half, pixels)
         costs = [
             _outside(centre, half, ax)
             + _covered(centre, half, marks)
-            + _WORDS * _covered(centre, half, written)
-            + _STRAY * _is_astray(centre, half, owners, own)
+            + _OVER_LABEL * _covered(centre, half, written)
+            + _ASTRAY * _is_astray(centre, half, owners, own)
             for centre in centres
         ]
         best = centres[int(np.argmin(costs))]
-        # in the panel's own units, so that it stays there at another resolution
+        # in units of the panel, so that it stays there at another resolution
         text.set_transform(ax.transAxes)
         text.set_position(tuple(ax.transAxes.inverted().transform(best)))
         near = np.clip(owners[own], best - half, best + half)
-        if _FAR * pixels < np.linalg.norm(near - owners[own]) < np.inf:
-            _lead(ax, owners[own], near, label.colour)
+        if _LEADER * pixels < np.linalg.norm(near - owners[own]) < np.inf:
+            _draw_leader(ax, owners[own], near, label.colour)
         written = np.concatenate([written, [[*(best - half), *(best + half)]]])
 
 
-def _lead(ax: Axes, start: np.ndarray, end: np.ndarray, colour: str) -> None:
-    """A thin line from a mark to its label."""
+def _draw_leader(ax: Axes, start: np.ndarray, end: np.ndarray, colour: str) -> None:
+    """Draw a thin line from a mark to its label."""
     x, y = ax.transAxes.inverted().transform([start, end]).T
     ax.plot(x, y, color=colour, linewidth=0.4, transform=ax.transAxes, gid="leader")
 
 
 def _marks(ax: Axes, labels: list[Label], pixels: float) -> Float[np.ndarray, "marks 4"]:
-    """What is drawn, as small boxes: lines and marks, but for those that are only background."""
+    """Return lines and marks as small boxes, without those that are only background."""
     drawn = [np.empty((0, 4))]
     for line in ax.lines:
         if line.get_alpha() is not None:
@@ -90,7 +92,7 @@ def _marks(ax: Axes, labels: list[Label], pixels: float) -> Float[np.ndarray, "m
 
 
 def _along(corners: np.ndarray, step: float) -> np.ndarray:
-    """Points along a line through ``corners [n, 2]``, no further than ``step`` from each other."""
+    """Return points along a line through ``corners [n, 2]``, no further than ``step`` from each other."""
     pieces = [corners[:1]]
     for start, end in pairwise(corners):
         count = int(np.ceil(np.abs(end - start).max() / step)) + 1
@@ -98,35 +100,35 @@ def _along(corners: np.ndarray, step: float) -> np.ndarray:
     return np.concatenate(pieces)
 
 
-def _places(ax: Axes, label: Label, half: np.ndarray, pixels: float) -> list[np.ndarray]:
-    """Centres that a label may have, the nearest first."""
+def _positions(ax: Axes, label: Label, half: np.ndarray, pixels: float) -> list[np.ndarray]:
+    """Return the centres that a label may have, the nearest first."""
     if label.x is None:
         y = ax.transData.transform((1, label.y))[1]
         along = np.linspace(ax.bbox.x1 - half[0] - 2 * pixels, ax.bbox.x0 + half[0] + 2 * pixels, 12)
         above = [1, -1]
         return [np.array([x, y + side * (half[1] + 1.5 * pixels)]) for x in along for side in above]
     at = ax.transData.transform((label.x, label.y))
-    ways = np.array(
+    directions = np.array(
         [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (-0.7, -1), (0.7, -1)]
     )
     gaps = np.array([5, 11, 18, 26, 36, 50, 70]) * pixels
-    return [at + way * (half + gap) for gap in gaps for way in ways]
+    return [at + direction * (half + gap) for gap in gaps for direction in directions]
 
 
 def _is_astray(centre: np.ndarray, half: np.ndarray, owners: Float[np.ndarray, "labels 2"], own: int) -> bool:
-    """Whether a label would be nearer to another one's mark than to its own."""
+    """Return True where a label would be nearer to another one's mark than to its own."""
     away = np.linalg.norm(np.maximum(np.abs(owners - centre) - half, 0), axis=1)
     return bool(np.isfinite(away[own]) and away[own] > away.min())
 
 
 def _outside(centre: np.ndarray, half: np.ndarray, ax: Axes) -> float:
-    """How much of a label is outside the panel, a hundredfold, in pixels squared."""
+    """Return a hundred times the area of a label outside the panel, in pixels squared."""
     panel = np.array([[*ax.bbox.min, *ax.bbox.max]])
     return 100 * (round(float(4 * half.prod()), 3) - _covered(centre, half, panel))
 
 
 def _covered(centre: np.ndarray, half: np.ndarray, boxes: Float[np.ndarray, "boxes 4"]) -> float:
-    """How much of other things a label covers, in pixels squared."""
+    """Return the area of boxes that a label covers, in pixels squared."""
     both = np.minimum(centre + half, boxes[:, 2:]) - np.maximum(centre - half, boxes[:, :2])
-    # what is nothing must be the same nothing everywhere: the nearest place wins
+    # no overlap must be exactly 0 at every position, so that the nearest one wins
     return round(float(np.maximum(both, 0).prod(axis=-1).sum()), 3)

@@ -1,6 +1,6 @@
 """The front as a picture: validation return against nodes, and the trees themselves beside it.
 
-A method has a colour and a mark, so that nothing is said by colour alone; the same front gives the same file.
+A method has a colour and a mark, so that nothing is shown by colour alone. The same front gives the same file.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Looks: TypeAlias = Mapping[str, LineStyle]
-"""Colours and marks of methods."""
+"""The colour and the mark of each method."""
 
 
 class Reference(NamedTuple):
@@ -35,7 +35,7 @@ class Reference(NamedTuple):
     label: str
     mean: float
     nodes: float | None = None
-    """Inner nodes and leaves; None for a policy that is no tree."""
+    """The number of nodes; None for a policy that is no tree."""
 
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -43,9 +43,9 @@ _MARKS = ("o", "^", "s", "D", "v", "P", "X", "p")
 _GREY = "#777777"
 SIZE = (2.3 * PANEL[0], 1.75 * PANEL[1])
 _LETTER = 0.07
-"""Inches, in a legend."""
-_LEAST = 15
-"""Nodes that the axis reaches at least."""
+"""The width of a letter in a legend, in inches."""
+_MIN_AXIS = 15
+"""The number of nodes that the axis reaches at least."""
 
 
 def plot(
@@ -54,12 +54,18 @@ def plot(
     *,
     beside: Sequence[Reference] = (),
 ) -> Figure:
-    """Draw one run's front, or those of several runs of one task with their mean; save it if a path is given.
+    """Draw the front of one run, or those of several runs of one task with their mean.
 
-    ``beside`` are returns reported elsewhere.
+    Args:
+        fronts: The front of one run, or those of several.
+        path: Where to save the picture: a .svg, .pdf or .png file. By default it is not saved.
+        beside: Returns reported elsewhere.
+
+    Returns:
+        The figure.
 
     Raises:
-        ValueError: the path ends neither in .svg, .pdf nor .png, or the runs are not of one task.
+        ValueError: The path has another ending, or the runs are not of one task.
     """
     fronts = [fronts] if isinstance(fronts, Front) else list(fronts)
     if path is not None:
@@ -79,13 +85,22 @@ def plot(
 
 
 def add_legend(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Put one legend below all panels, in as many columns as there is room for."""
+    """Put one legend below all panels, in as many columns as there is room for.
+
+    Args:
+        figure: The figure.
+        axes: Its panels.
+    """
     longest = max(len(label) for ax in axes for label in ax.get_legend_handles_labels()[1])
     legend_below(figure, axes, columns=max(1, int(figure.get_figwidth() / (0.7 + _LETTER * longest))))
 
 
 def fix_panels(figure: Figure) -> None:
-    """Fix where the panels are, rounded: the layout solver's last digits differ from run to run."""
+    """Fix the positions of the panels, rounded: the layout solver's last digits differ from run to run.
+
+    Args:
+        figure: The figure, with all its panels.
+    """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for ax in figure.axes:
@@ -94,7 +109,12 @@ def fix_panels(figure: Figure) -> None:
 
 
 def draw_tree(ax: Axes, point: Point) -> None:
-    """Draw the tree of a point in the middle of a panel, no larger than on a page of its own."""
+    """Draw the tree of a point in the middle of a panel, no larger than on a page of its own.
+
+    Args:
+        ax: The panel.
+        point: The point.
+    """
     layout, boxes = arrange(point.tree, 3)
     figure = ax.figure.canvas.figure
     place, wanted = ax.get_position(), layout.extent / figure.get_size_inches()
@@ -105,14 +125,31 @@ def draw_tree(ax: Axes, point: Point) -> None:
 
 
 def looks_of(fronts: Iterable[Front]) -> Looks:
-    """Return a look for every method, the same whenever the methods are the same."""
-    roads = sorted({mark.method for front in fronts for mark in (*front.points, *front.candidates)})
-    styles = zip(roads, cycle(_COLOURS), cycle(_MARKS), strict=False)
-    return {road: LineStyle(colour, "-", mark) for road, colour, mark in styles}
+    """Return a look for every method, the same whenever the methods are the same.
+
+    Args:
+        fronts: The fronts that are drawn.
+
+    Returns:
+        A colour and a mark for each of their methods.
+    """
+    methods = sorted({mark.method for front in fronts for mark in (*front.points, *front.candidates)})
+    styles = zip(methods, cycle(_COLOURS), cycle(_MARKS), strict=False)
+    return {method: LineStyle(colour, "-", mark) for method, colour, mark in styles}
 
 
 def panel(ax: Axes, fronts: Sequence[Front], looks: Looks, beside: Sequence[Reference] = ()) -> list[Label]:
-    """Draw the fronts of one task; return the labels that `place_labels` puts where there is room."""
+    """Draw the fronts of one task.
+
+    Args:
+        ax: The panel.
+        fronts: The fronts of one run or of several.
+        looks: The look of each method.
+        beside: Returns reported elsewhere.
+
+    Returns:
+        Labels for `place_labels`, which puts them where there is room.
+    """
     environment = require_one_task(fronts)
     right = _nodes_axis(ax, fronts, beside)
     bottom = _returns_axis(ax, fronts, beside)
@@ -130,8 +167,8 @@ def panel(ax: Axes, fronts: Sequence[Front], looks: Looks, beside: Sequence[Refe
 
 
 def _nodes_axis(ax: Axes, fronts: Sequence[Front], others: Iterable[Reference]) -> float:
-    """An axis on which trees that are one level deeper are one step further: 1, 3, 7, 15, …; return its end."""
-    most = max([_LEAST, *sizes_of(fronts), *(other.nodes or 0 for other in others)])
+    """Set up an axis with one step for each level of depth: 1, 3, 7, 15, …; return its end."""
+    most = max([_MIN_AXIS, *sizes_of(fronts), *(other.nodes or 0 for other in others)])
     last = int(np.ceil(np.log2(most + 1)))
     ax.set_xscale("function", functions=(lambda n: np.log2(np.maximum(n, 0) + 1), lambda x: 2.0**x - 1))
     ticks = [2**k - 1 for k in range(1, last + 1)]
@@ -143,7 +180,7 @@ def _nodes_axis(ax: Axes, fronts: Sequence[Front], others: Iterable[Reference]) 
 
 
 def _returns_axis(ax: Axes, fronts: Sequence[Front], others: Sequence[Reference]) -> float:
-    """Limits in which the good trees can be told apart; return the lower one. What lies below is said in words."""
+    """Set limits between which good trees can be told apart; return the lower one. Points below it become labels."""
     means = np.array([point.mean for front in fronts for point in front.points])
     top = max(means.max(), *(point.validation.high for front in fronts for point in front.points))
     shown = [other.mean for other in others]
@@ -156,22 +193,31 @@ def _returns_axis(ax: Axes, fronts: Sequence[Front], others: Sequence[Reference]
 
 
 def _candidates(ax: Axes, front: Front, looks: Looks) -> None:
-    for road in dict.fromkeys(candidate.method for candidate in front.candidates):
+    for method in dict.fromkeys(candidate.method for candidate in front.candidates):
         tried = [
-            (candidate.nodes, candidate.mean) for candidate in front.candidates if candidate.method == road
+            (candidate.nodes, candidate.mean) for candidate in front.candidates if candidate.method == method
         ]
-        look = looks[road]
+        look = looks[method]
         ax.plot(*np.transpose(tried), look.marker, color=look.colour, alpha=0.15, markersize=3)
 
 
 def _steps(ax: Axes, points: Sequence[Point], right: float, *, faint: bool) -> None:
-    """What one gets for at most so many nodes."""
+    """Draw the best return within each number of nodes."""
     nodes, means = stairs([point.nodes for point in points], [point.mean for point in points], right)
     ax.plot(nodes, means, color=_GREY, linewidth=0.6 if faint else 1.2)
 
 
 def stairs(nodes: Sequence[int], values: Sequence[float], right: float) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of a line that keeps each value until the next size, the last one to the ``right``."""
+    """Return the corners of a line that keeps each value until the next size.
+
+    Args:
+        nodes: The sizes ``[n]``, ascending.
+        values: The value of each ``[n]``.
+        right: Where the last value ends.
+
+    Returns:
+        The sizes and values of the corners, ``[2 n]`` each.
+    """
     return np.repeat([*nodes, right], 2)[1:-1], np.repeat(values, 2)
 
 
@@ -190,37 +236,37 @@ def _tests(ax: Axes, front: Front) -> None:
 
 
 def _mean(ax: Axes, fronts: Sequence[Front], right: float) -> None:
-    """The mean test return over runs, with its interval over runs."""
+    """Draw the mean test return over runs, with its interval over runs."""
     if any(point.test is None for front in fronts for point in front.points):
         return
-    found = [of for of in best_under_sizes(fronts, sizes_of(fronts)) if of.spread is not None]
-    nodes = [of.nodes for of in found]
+    rows = [row for row in best_under_sizes(fronts, sizes_of(fronts)) if row.spread is not None]
+    nodes = [row.nodes for row in rows]
     mean, low, high = (
-        stairs(nodes, [getattr(of.spread, name) for of in found], right)[1]
+        stairs(nodes, [getattr(row.spread, name) for row in rows], right)[1]
         for name in ("estimate", "low", "high")
     )
-    across, words = stairs(nodes, nodes, right)[0], "test: mean of runs, 95 %"
-    ax.plot(across, mean, color="black", label=words, zorder=3)
+    across = stairs(nodes, nodes, right)[0]
+    ax.plot(across, mean, color="black", label="test: mean of runs, 95 %", zorder=3)
     ax.fill_between(across, low, high, color="black", alpha=0.08, linewidth=0)
 
 
 def _below(fronts: Sequence[Front], bottom: float) -> list[Label]:
-    """Points that lie below the picture are said in words at its lower edge."""
+    """Return labels at the lower edge for points that lie below it."""
     low = [point for front in fronts for point in front.points if point.mean < bottom]
     worst = {point.nodes: point for point in sorted(low, key=lambda point: -point.mean)}
     return [Label(nodes, bottom, f"↓ {_short(point.mean)}", _GREY) for nodes, point in worst.items()]
 
 
 def _references(ax: Axes, others: Iterable[Reference]) -> list[Label]:
-    """Trees as crosses, what is no tree as a line across."""
+    """Draw trees as crosses and other policies as lines across; return their labels."""
     labels = []
     for other in others:
         if other.nodes is None:
             ax.axhline(other.mean, color=_GREY, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
         else:
             ax.plot([other.nodes], [other.mean], "+", color="black", markersize=6)
-        words, colour = f"{other.label} {as_printed(other.mean)}", "black" if other.nodes else _GREY
-        labels.append(Label(other.nodes, other.mean, words, colour))
+        text, colour = f"{other.label} {as_printed(other.mean)}", "black" if other.nodes else _GREY
+        labels.append(Label(other.nodes, other.mean, text, colour))
     return labels
 
 
