@@ -19,8 +19,6 @@ GENERATED = {ROOT / "docs" / "tables.md", ROOT / "docs" / "fronts.md"}
 MODULES = sorted(SOURCE.rglob("*.py"))
 
 FRAGMENT = re.compile(r"(Of|What|Where|Whether|How|Which|Who|Whose|When|As|To|For|From|And|That)\b")
-ROOMS_WITH_FRAGMENTS = frozenset(["envs"])
-"""Rooms in which first lines of docstrings are still fragments. Nothing may be added."""
 
 WORDS = {
     r"comes? by\b|came by\b|coming by\b": "reach, visit",
@@ -43,9 +41,6 @@ WORDS = {
     r"\bwithout a word\b": "silently",
 }
 """A pattern, and what to write in its place."""
-
-NOT_YET = frozenset(["envs"])
-"""Pages and rooms in which some of these words are still used. Nothing may be added."""
 
 
 def room(path: Path) -> str:
@@ -103,8 +98,6 @@ def prose_of(path: Path) -> list[tuple[int, str]]:
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(SOURCE).as_posix())
 def test_first_lines_are_sentences(path: Path):
-    if room(path) in ROOMS_WITH_FRAGMENTS:
-        pytest.skip("not yet")
     wrong = [
         f"{name}: {line}"
         for name, line in first_lines(path)
@@ -116,7 +109,7 @@ def test_first_lines_are_sentences(path: Path):
 @pytest.mark.parametrize("path", [*PAGES, *MODULES], ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_words_given_up_do_not_come_back(path: Path):
     name = path.relative_to(ROOT).as_posix()
-    if path in GENERATED or name in NOT_YET or (path.suffix == ".py" and room(path) in NOT_YET):
+    if path in GENERATED:
         pytest.skip("not yet")
     wrong = [
         f"{name}:{number}: {match[0]!r} (write: {better})"

@@ -39,7 +39,15 @@ class Policy(Protocol):
     """Anything with stable-baselines3's ``predict``."""
 
     def predict(self, observation: Any, *, deterministic: bool = True) -> tuple[Any, Any]:
-        """The action for an observation, and a state that is not used."""
+        """Choose an action.
+
+        Args:
+            observation: An observation of the environment.
+            deterministic: Whether to take the best action instead of sampling one.
+
+        Returns:
+            The action, and a state that is not used.
+        """
         ...
 
 
@@ -72,7 +80,7 @@ def evaluate_policy(
         Mean and standard deviation of the return over the episodes.
 
     Raises:
-        ValueError: fewer than one episode, a negative seed, or a policy that does not fit the environment.
+        ValueError: There is less than one episode, the seed is negative, or the policy does not fit the environment.
     """
     if n_eval_episodes < 1:
         raise ValueError(f"n_eval_episodes must be at least 1, got {n_eval_episodes}")
@@ -126,9 +134,9 @@ def watch(
         What was written, and what was left out.
 
     Raises:
-        ValueError: an environment that draws no pictures, or an argument out of bounds.
-        ImportError: .mp4 without a program that writes it.
-        OSError: the file cannot be written.
+        ValueError: The environment draws no pictures, or an argument is out of bounds.
+        ImportError: The file is .mp4 and no program that writes it is installed.
+        OSError: The file cannot be written.
     """
     from .film.record import record
 
@@ -156,7 +164,7 @@ def watch(
 def _answers(
     model: Policy | DecisionTree, spec: EnvSpec, deterministic: bool, rng: np.random.Generator
 ) -> Callable[[Any], Any]:
-    """Return what answers one observation of an environment with an action that it takes."""
+    """Return a function from an observation of an environment to an action that it takes."""
     if not isinstance(model, DecisionTree | Acting):
         return lambda observation: model.predict(observation, deterministic=deterministic)[0]
     act = acting(model, spec, deterministic, rng)

@@ -1,4 +1,4 @@
-"""Whole episodes on Gymnasium itself, side by side, on seeds that no training ever saw."""
+"""Play whole episodes on Gymnasium, side by side, on seeds that no training uses."""
 
 from __future__ import annotations
 
@@ -42,20 +42,34 @@ Act: TypeAlias = Callable[[np.ndarray], np.ndarray]
 
 @runtime_checkable
 class Acting(Protocol):
-    """Whatever answers flat observations in batches, as agents do."""
+    """A policy that takes flat observations in batches, as agents do."""
 
     def act(self, x: np.ndarray, *, deterministic: bool, rng: np.random.Generator) -> np.ndarray:
-        """Actions as the environment takes them, one for each row of ``x``."""
+        """Choose actions.
+
+        Args:
+            x: Flat observations ``[batch, features]``.
+            deterministic: Whether to choose the best actions instead of sampling.
+            rng: The source of randomness to sample with.
+
+        Returns:
+            Actions as the environment takes them, one for each row.
+        """
         ...
 
 
 class Episodes(NamedTuple):
-    """The returns, lengths and observations of episodes."""
+    """The results of some episodes.
+
+    Attributes:
+        returns: Undiscounted returns ``[episodes]``.
+        lengths: Lengths in steps ``[episodes]``.
+        observations: The flat observations acted on ``[steps, features]``.
+    """
 
     returns: np.ndarray
     lengths: np.ndarray
     observations: np.ndarray
-    """The flat observations acted on, ``[steps, features]``."""
 
 
 def play(
@@ -70,10 +84,22 @@ def play(
     """Play episodes side by side on a bounded number of copies, so that the policy answers them in batches.
 
     A copy whose episode has ended takes the next one. How many copies there are (`open_copies`) changes nothing for
-    a deterministic policy; one that samples draws its noise in the order in which the episodes are played.
+    a deterministic policy; one that samples draws its noise in the order in which the episodes are played. Warns where
+    episodes are cut, and where test episodes of a deterministic policy are all the same.
 
-    Another ``purpose`` is another set of episodes, whatever the seed. Warns where episodes are cut, and where test
-    episodes of a deterministic policy are all the same.
+    Args:
+        policy: A tree, an agent, or a function from flat observations to actions.
+        spec: The environment.
+        num_episodes: The number of episodes.
+        seed: The seed; another is another set of episodes.
+        deterministic: Whether the policy takes its best actions instead of sampling.
+        purpose: What the episodes are for; each purpose has episodes of its own, whatever the seed.
+
+    Returns:
+        The results.
+
+    Raises:
+        ValueError: The environment has no form in Gymnasium.
     """
     require_host(spec)
     act = acting(policy, spec, deterministic, np.random.default_rng([seed, PURPOSE_TAGS[purpose]]))
@@ -89,23 +115,38 @@ def play(
 
 
 class SideBySide(NamedTuple):
-    """The results of episodes that were played side by side, with observations in the order of playing."""
+    """The results of episodes that were played side by side, with observations in the order of playing.
+
+    Attributes:
+        returns: Undiscounted returns ``[episodes]``.
+        lengths: Lengths in steps ``[episodes]``.
+        were_cut: Whether an episode was cut at the limit of steps.
+        episode: The number of the episode in which each observation was made ``[steps]``.
+        observations: The flat observations ``[steps, features]``.
+    """
 
     returns: np.ndarray
     lengths: np.ndarray
     were_cut: bool
     episode: np.ndarray
-    """Of each observation, the episode that it was made in."""
     observations: np.ndarray
 
     def step_by_step(self) -> np.ndarray:
-        """The observations: the first of every episode, then the second of those that have one, and so on."""
+        """Sort the observations by step.
+
+        Returns:
+            The first observation of every episode, then the second of those that have one, and so on.
+        """
         by_episode = np.argsort(self.episode, kind="stable")
         step = np.concatenate([np.arange(length) for length in self.lengths])
         return self.observations[by_episode[np.argsort(step, kind="stable")]]
 
     def one_by_one(self) -> np.ndarray:
-        """The observations, one episode after the other."""
+        """Sort the observations by episode.
+
+        Returns:
+            The observations of one episode after the other.
+        """
         return self.observations[np.argsort(self.episode, kind="stable")]
 
 
@@ -121,12 +162,15 @@ def play_side_by_side(
     """Play an episode for each seed; a copy whose episode has ended takes the next one.
 
     Args:
-        act: From the numbers of the episodes that are going on, and their flat observations, to as many actions.
-        spec: What the copies are copies of.
-        copies: Where to play.
-        seeds: What to reset them with. The numbers of the episodes are their places here.
-        limit: Steps after which an episode is cut, by default `limit_of`.
-        watch: Whether to keep the observations; without, there are none.
+        act: A function from the numbers of the running episodes and their flat observations to as many actions.
+        spec: The environment.
+        copies: The copies to play on.
+        seeds: The seed of each episode. The number of an episode is its position here.
+        limit: The number of steps after which an episode is cut, by default `limit_of`.
+        watch: Whether to keep the observations; otherwise there are none.
+
+    Returns:
+        The results.
     """
     returns, lengths, were_cut = np.zeros(len(seeds)), np.zeros(len(seeds), int), False
     limit = limit or limit_of(spec)
@@ -159,17 +203,32 @@ def play_side_by_side(
 
 
 def limit_of(spec: EnvSpec) -> int:
-    """Steps after which an episode is cut that is only measured."""
+    """Return the number of steps after which an episode is cut in an evaluation.
+
+    Args:
+        spec: The environment.
+
+    Returns:
+        Its own time limit, or `MAX_EPISODE_STEPS`.
+    """
     return spec.max_episode_steps or MAX_EPISODE_STEPS
 
 
 def are_alike(returns: np.ndarray, lengths: np.ndarray) -> bool:
-    """Return whether several episodes have equal lengths and returns, as one and the same would."""
+    """Return whether several episodes have equal lengths and returns, as one and the same would.
+
+    Args:
+        returns: The returns.
+        lengths: The lengths.
+
+    Returns:
+        True if they are equal and there are at least `FEW`.
+    """
     return len(returns) >= FEW and not np.ptp(lengths) and not np.ptp(returns)
 
 
 def _are_the_same(episodes: Episodes) -> bool:
-    """Whether the same was observed, too, step by step."""
+    """Return whether the observations of all episodes are equal, too."""
     if not are_alike(episodes.returns, episodes.lengths):
         return False
     steps = episodes.observations.reshape(episodes.lengths[0], len(episodes.lengths), -1)
@@ -177,7 +236,17 @@ def _are_the_same(episodes: Episodes) -> bool:
 
 
 def acting(policy: Any, spec: EnvSpec, deterministic: bool, rng: np.random.Generator) -> Act:
-    """Return what answers batches as ``policy`` does; a plain function answers for itself."""
+    """Return a function from flat observations to the actions of a policy.
+
+    Args:
+        policy: A tree, an agent, or such a function, which is returned as it is.
+        spec: The environment.
+        deterministic: Whether to take the best actions instead of sampling.
+        rng: The source of randomness to sample with.
+
+    Returns:
+        The function; its actions are as the environment takes them.
+    """
     if isinstance(policy, DecisionTree):
 
         def act(x: np.ndarray) -> np.ndarray:
@@ -191,7 +260,14 @@ def acting(policy: Any, spec: EnvSpec, deterministic: bool, rng: np.random.Gener
 
 
 def require_host(spec: EnvSpec) -> None:
-    """Refuse an environment that has no form in Gymnasium."""
+    """Refuse an environment that has no form in Gymnasium.
+
+    Args:
+        spec: The environment.
+
+    Raises:
+        ValueError: It exists in JAX alone.
+    """
     if spec.make_host is None:
         raise ValueError(
             f"{spec.name} is written in JAX and has no form in Gymnasium to be evaluated on; give evaluate_policy "
@@ -200,12 +276,30 @@ def require_host(spec: EnvSpec) -> None:
 
 
 def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Actions drawn from the leaves' distributions, for flat observations ``[batch, features]``."""
+    """Draw actions from the distributions of a tree's leaves.
+
+    Args:
+        tree: The tree.
+        x: Flat observations ``[batch, features]``.
+        rng: The source of randomness.
+
+    Returns:
+        One action for each observation.
+    """
     return draw(tree.outputs(x), tree.actions, rng)
 
 
 def draw(values: np.ndarray, actions: ActionSpec, rng: np.random.Generator) -> np.ndarray:
-    """Actions drawn from the distributions that ``values [batch, outputs]`` are the logits or means of."""
+    """Draw actions from distributions.
+
+    Args:
+        values: Logits or means ``[batch, outputs]``.
+        actions: The meaning of the outputs.
+        rng: The source of randomness.
+
+    Returns:
+        One action for each row.
+    """
     if isinstance(actions, BoxActions):
         noise = np.asarray(actions.std or 0, np.float32) * rng.standard_normal(values.shape, np.float32)
     else:
@@ -214,18 +308,34 @@ def draw(values: np.ndarray, actions: ActionSpec, rng: np.random.Generator) -> n
 
 
 def fitted_actions(actions: np.ndarray, space: gymnasium.Space) -> np.ndarray:
-    """A tree's actions in the space's own dtype and bounds.
+    """Convert a tree's actions to the dtype and bounds of a space.
 
     Rounding a float64 bound to float32 may have moved it outwards, and an environment may check.
+
+    Args:
+        actions: The actions, one or a batch.
+        space: The action space.
+
+    Returns:
+        The actions as the environment takes them.
     """
     actions = np.asarray(actions).astype(space.dtype)[()]  # one category stays a scalar, which can be hashed
     return np.clip(actions, space.low, space.high) if isinstance(space, gymnasium.spaces.Box) else actions
 
 
 def episode_seed(seed: int, episode: int, purpose: Purpose = "test") -> int:
-    """The seed of one episode: odd for tests, even for all else, so that none of theirs is ever a test's.
+    """Return the seed of one episode.
 
-    Those of a training are even, too (`HostEnvs.reset`).
+    Seeds of test episodes are odd, all others even, also those of a training (`HostEnvs.reset`), so that no test
+    episode is ever trained on.
+
+    Args:
+        seed: The seed of all episodes.
+        episode: The number of the episode, from 0.
+        purpose: What the episodes are for.
+
+    Returns:
+        The seed, below 2^32.
     """
     word = int(np.random.SeedSequence([seed, PURPOSE_TAGS[purpose], episode]).generate_state(1)[0])
     return word | 1 if purpose == "test" else word & ~1

@@ -32,8 +32,8 @@ class SymbolicPolicy:
         seed: Seeds the actions that are drawn if ``deterministic`` is False.
 
     Raises:
-        ValueError: the file holds no tree, or the tree is not for this environment.
-        OSError: the file cannot be read.
+        ValueError: The file holds no tree, or the tree is not for this environment.
+        OSError: The file cannot be read.
     """
 
     def __init__(self, tree: TreeOrPath, env: Any = None, *, seed: int | None = None) -> None:
@@ -58,7 +58,7 @@ class SymbolicPolicy:
             The action or actions, and ``state``.
 
         Raises:
-            ValueError, TypeError: the observation is not of the environment's space, or not what the tree takes.
+            ValueError, TypeError: The observation is not of the environment's space, or not what the tree takes.
         """
         x = np.asarray(observation) if self._spaces is None else self._spaces[0].flatten(observation)
         if x.shape == (0,):  # an empty list
@@ -94,7 +94,7 @@ class RecordDecisions(gymnasium.Wrapper[Any, Any, Any, Any]):
         tree: A `DecisionTree`, its JSON file, or the folder of a run.
 
     Raises:
-        ValueError: the tree is not for this environment.
+        ValueError: The tree is not for this environment.
     """
 
     def __init__(self, env: gymnasium.Env, tree: TreeOrPath) -> None:
@@ -110,7 +110,7 @@ class RecordDecisions(gymnasium.Wrapper[Any, Any, Any, Any]):
         """The action that the tree would take now, and its rule.
 
         Raises:
-            RuntimeError: before the first ``reset``.
+            RuntimeError: It is asked for before the first ``reset``.
         """
         if self._observation is None:
             raise RuntimeError("there is nothing to decide yet: call reset() first")

@@ -58,11 +58,11 @@ def distill_policy(
         The tree, pruned unless ``prune`` is False.
 
     Raises:
-        ValueError: a method that does not fit the teacher, a teacher that does not fit the environment or returns
-            invalid actions, or an option out of bounds.
-        TypeError: an object that cannot be a teacher.
+        ValueError: The method does not fit the teacher, the teacher does not fit the environment or returns invalid
+            actions, or an option is out of bounds.
+        TypeError: The object cannot be a teacher.
         ImportError: scikit-learn is not installed.
-        RuntimeError: an agent that has learnt nothing yet.
+        RuntimeError: The agent has learnt nothing yet.
     """
     asked = as_teacher(teacher, env)
     method = default_method(teacher, asked) if method is None else method
@@ -76,7 +76,15 @@ def distill_policy(
 
 
 def default_method(teacher: Any, asked: Teacher) -> str:
-    """Return the default method: discretize for a soft tree, VIPER with action values, otherwise DAgger."""
+    """Return the default method: discretize for a soft tree, VIPER with action values, otherwise DAgger.
+
+    Args:
+        teacher: What `distill_policy` was given.
+        asked: The same as a `Teacher`.
+
+    Returns:
+        One of `ALL_METHODS`.
+    """
     if isinstance(teacher, Agent) and has_soft_tree(teacher):
         return DISCRETIZE
     return "dagger" if asked.action_values is None else "viper"
@@ -99,11 +107,18 @@ def _discretized(teacher: Any, depth: int | None, options: dict[str, Any]) -> De
 
 
 def as_teacher(teacher: Any, env: Any = None) -> Teacher:
-    """Whatever `distill_policy` takes, as a `Teacher`; for its ``env`` the spaces must be those of the teacher.
+    """Turn what `distill_policy` takes into a `Teacher`.
+
+    Args:
+        teacher: An agent, a `Teacher`, a model with ``predict``, or a function.
+        env: Where it acts; its spaces must be those of the teacher.
+
+    Returns:
+        The teacher.
 
     Raises:
-        ValueError: the spaces do not fit, or there is no ``env`` where it is needed.
-        TypeError: what is no teacher.
+        ValueError: The spaces do not fit, or there is no ``env`` where it is needed.
+        TypeError: The object cannot be a teacher.
     """
     spec = env if isinstance(env, EnvSpec) or env is None else resolve(env, backend="host")
     if isinstance(teacher, Agent | Teacher):
@@ -126,10 +141,13 @@ def as_teacher(teacher: Any, env: Any = None) -> Teacher:
 
 
 def teacher_of(agent: Agent) -> Teacher:
-    """An agent as a teacher: its deterministic actions and, of discrete ones, their log-probabilities.
+    """Turn an agent into a teacher.
 
-    Raises:
-        RuntimeError: when asked before it has learnt.
+    Args:
+        agent: The agent; the teacher raises RuntimeError before it has learnt.
+
+    Returns:
+        A teacher with its deterministic actions and, if they are discrete, their log-probabilities.
     """
     nothing_random = np.random.default_rng(0)
 
@@ -146,17 +164,31 @@ def teacher_of(agent: Agent) -> Teacher:
 
 
 def log_softmax(logits: Float64[np.ndarray, "batch n"]) -> Float64[np.ndarray, "batch n"]:
-    """Logarithms of the probabilities, row by row."""
+    """Compute the logarithms of probabilities, row by row.
+
+    Args:
+        logits: The logits.
+
+    Returns:
+        Log-probabilities of the same shape.
+    """
     z = logits - logits.max(axis=1, keepdims=True)
     return z - np.log(np.exp(z).sum(axis=1, keepdims=True))
 
 
 def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
-    """The hard tree of an agent whose policy is a soft one, see `discretize`; pruned as `Agent.tree` prunes.
+    """Return the hard tree of an agent whose policy is a soft one; see `discretize`.
+
+    Args:
+        agent: The agent.
+        prune: Whether to prune it as `Agent.tree` does.
+
+    Returns:
+        The tree.
 
     Raises:
-        ValueError: an agent of another policy.
-        RuntimeError: before `learn`.
+        ValueError: The agent has another policy.
+        RuntimeError: There is no policy before `learn`.
     """
     if not has_soft_tree(agent):
         raise ValueError(
@@ -169,15 +201,28 @@ def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:
 
 
 def has_soft_tree(agent: Agent) -> bool:
-    """Return whether the policy is a soft tree, so that `soft_view` can show it."""
+    """Return whether the policy is a soft tree, so that `soft_view` can show it.
+
+    Args:
+        agent: The agent.
+
+    Returns:
+        True if it is.
+    """
     return agent.config.policy == "sdt"
 
 
 def soft_view(agent: Agent) -> SoftView:
-    """The soft tree of an agent, for pictures and text.
+    """Return the soft tree of an agent, for pictures and text.
+
+    Args:
+        agent: The agent, whose policy is a soft tree.
+
+    Returns:
+        The soft tree with its scaling and names.
 
     Raises:
-        RuntimeError: before `learn`.
+        RuntimeError: There is no policy before `learn`.
     """
     actor: Any = agent.actor
     assert isinstance(actor, SoftTree)
@@ -193,9 +238,15 @@ def soft_view(agent: Agent) -> SoftView:
 
 
 def keep_soft_tree(agent: Agent, folder: Path, seen: np.ndarray | None) -> dict[str, Any]:
-    """Write the soft tree into its run as text and as a picture; return what is to be kept in the summary.
+    """Write the soft tree into its run as text and as a picture.
 
-    ``seen`` are observations, if there are any, from which the leaves' shares are counted.
+    Args:
+        agent: The agent.
+        folder: The run's folder.
+        seen: Observations to count the leaves' shares from, if there are any.
+
+    Returns:
+        The fields to add to the summary.
     """
     view = soft_view(agent)
     view = view if seen is None else view.with_shares_of(seen)
@@ -206,6 +257,14 @@ def keep_soft_tree(agent: Agent, folder: Path, seen: np.ndarray | None) -> dict[
 
 
 def kept_soft_view(agent: Agent, summary: dict[str, Any] | None) -> SoftView:
-    """The soft tree of a run, with the shares that its summary holds."""
+    """Return the soft tree of a run, with the shares that its summary holds.
+
+    Args:
+        agent: The agent of the run.
+        summary: The summary, if there is one.
+
+    Returns:
+        The soft tree.
+    """
     shares = (summary or {}).get("leaf_shares")
     return replace(soft_view(agent), shares=None if shares is None else np.asarray(shares, np.float64))

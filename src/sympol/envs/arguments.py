@@ -28,7 +28,11 @@ def to_plain(value: Any, name: str, depth: int = 0) -> Any:
 
     Args:
         value: The argument.
-        name: What to call it in an error.
+        name: Its name, for messages.
+        depth: How deep it is inside another argument.
+
+    Returns:
+        The same as booleans, numbers, text, lists and dictionaries.
 
     Raises:
         CannotKeep: It, or a part of it, is of a type that cannot be read back without running code of the user's.
@@ -79,6 +83,12 @@ def to_plain(value: Any, name: str, depth: int = 0) -> Any:
 
 def from_plain(value: Any) -> Any:
     """Return the argument that `to_plain` wrote.
+
+    Args:
+        value: What it wrote.
+
+    Returns:
+        The argument.
 
     Raises:
         ValueError: It is a table with ``$type`` that `to_plain` does not write.

@@ -80,6 +80,9 @@ def steps_to_goal(
     Args:
         successor: The state that each action leads to, -1 where it terminates the episode.
         reaches_goal: Whether an action terminates the episode in a goal.
+
+    Returns:
+        The number of steps, one for each state.
     """
     steps = np.full(len(successor), UNREACHABLE, np.int64)
     while True:
@@ -103,11 +106,18 @@ class VectorEnvs(Protocol):
 
     @property
     def was_cut(self) -> bool:
-        """Whether `step` has truncated an episode at its ``max_steps`` since `reset`."""
+        """True where `step` has truncated an episode at its ``max_steps`` since `reset`."""
         ...
 
     def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
-        """Start an episode in every copy, each with its own seed derived from this one; return first observations."""
+        """Start an episode in every copy, each with its own seed derived from this one.
+
+        Args:
+            seed: The seed.
+
+        Returns:
+            The first observations.
+        """
         ...
 
     def step(
@@ -169,11 +179,15 @@ class NativeEngine(Protocol):
 
     @property
     def install_hint(self) -> str:
-        """What to install for faster training, and how, where `is_installed` is false."""
+        """A hint, for messages, on what to install for faster training where `is_installed` is false."""
         ...
 
     def is_installed(self) -> bool:
-        """Return whether the packages that it needs can be imported."""
+        """Return whether the packages that it needs can be imported.
+
+        Returns:
+            True where they can.
+        """
         ...
 
     def require_installed(self) -> None:
@@ -181,7 +195,14 @@ class NativeEngine(Protocol):
         ...
 
     def make_envs(self, num_envs: int) -> VectorEnvs:
-        """Make copies to train on."""
+        """Make copies to train on.
+
+        Args:
+            num_envs: The number of copies.
+
+        Returns:
+            The copies.
+        """
         ...
 
     def play(
@@ -214,6 +235,11 @@ class NativeEngine(Protocol):
 
         Steps in which trees act alike are taken once.
 
+        Args:
+            trees: The trees.
+            actions: What each leaf does.
+            seeds: The seed of each episode.
+
         Returns:
             Returns, lengths, and the number of steps that were taken.
         """
@@ -225,5 +251,14 @@ class NativeEngine(Protocol):
         actions: Shaped[ndarray, "trees nodes ..."],
         seeds: UInt64[ndarray, " episodes"],
     ) -> Float32[ndarray, "steps features"]:
-        """Return what the first tree observes in these episodes, one row a step, one episode after the other."""
+        """Play episodes with the first tree, and return what it observes.
+
+        Args:
+            trees: The trees, of which the first is played.
+            actions: What each leaf does.
+            seeds: The seed of each episode.
+
+        Returns:
+            The observations, one row a step, one episode after the other.
+        """
         ...

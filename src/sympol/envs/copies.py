@@ -12,11 +12,18 @@ from .spec import EnvSpec
 
 @contextlib.contextmanager
 def open_copies(spec: EnvSpec, wanted: int) -> Iterator[list[gymnasium.Env]]:
-    """Open at most ``wanted`` copies, and at most `EnvSpec.most_copies`; close them afterwards.
+    """Open copies of an environment; close them afterwards.
 
     There may be fewer. An environment that needs a licence or a port for each copy raises an error when there is none
     left; the copies opened before are enough, as episodes are the same on any number of them. Where not even the first
     can be opened, the error is raised. An object that is the only copy stays open.
+
+    Args:
+        spec: The environment, with a form in Gymnasium.
+        wanted: The most copies to open; there are never more than `EnvSpec.most_copies`.
+
+    Yields:
+        The copies, at least one.
     """
     assert spec.make_host is not None
     if spec.has_one_copy:

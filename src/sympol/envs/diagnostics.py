@@ -32,7 +32,13 @@ class SameEpisodes(UserWarning):
 
 
 def warn_of_cut(env_name: str, where: str, limit: int) -> None:
-    """Warn that episodes were cut after ``limit`` steps; ``where`` names what cuts them."""
+    """Warn that episodes were cut.
+
+    Args:
+        env_name: The environment.
+        where: The name of what cuts them.
+        limit: The number of steps after which they are cut.
+    """
     warnings.warn(
         f"{env_name} did not end an episode within {limit:,} steps, so {where} cuts its episodes there and counts what "
         "they earned until then; give the environment a time limit (gymnasium.wrappers.TimeLimit, or "
@@ -43,7 +49,12 @@ def warn_of_cut(env_name: str, where: str, limit: int) -> None:
 
 
 def warn_of_same_episodes(env_name: str, number: int) -> None:
-    """Warn that ``number`` test episodes were one and the same."""
+    """Warn that test episodes were one and the same.
+
+    Args:
+        env_name: The environment.
+        number: The number of episodes.
+    """
     warnings.warn(
         f"the {number:,} test episodes on {env_name} are all the same, whatever their seed: one of them would say as "
         "much, and a spread of 0 says nothing about other starts. If the environment is meant to vary, it must draw "
@@ -54,7 +65,13 @@ def warn_of_same_episodes(env_name: str, number: int) -> None:
 
 
 def warn_of_environment(env: object, env_name: str, num_features: int) -> None:
-    """Warn of wrappers that normalise, and of observations that a tree is no policy for."""
+    """Warn of wrappers that normalise, and of observations that a tree is no policy for.
+
+    Args:
+        env: The environment.
+        env_name: Its name.
+        num_features: The number of its features.
+    """
     wrappers = [
         type(w).__name__ for w in _wrappers(env) if isinstance(w, NormalizeObservation | NormalizeReward)
     ]
@@ -100,5 +117,5 @@ def _boxes(space: object) -> Iterator[Box]:
 
 
 def _is_picture(space: Box) -> bool:
-    """Whether a box is a matrix of some size, or several such matrices."""
+    """Return whether a box is a matrix of some size, or several such matrices."""
     return len(space.shape) in (2, 3) and sorted(space.shape)[-2] >= SHORTEST_SIDE

@@ -1,4 +1,4 @@
-"""What is known of an environment by its id: entries that users register, and adapters that answer for many ids."""
+"""Environments by id: entries that users register, and adapters that answer for many ids."""
 
 from __future__ import annotations
 
@@ -60,7 +60,11 @@ class Adapter(abc.ABC):
         """
 
     def ids(self) -> Iterable[str]:
-        """List the ids that are suggested in place of a mistyped one, besides those in Gymnasium's registry."""
+        """List the ids that are suggested in place of a mistyped one, besides those in Gymnasium's registry.
+
+        Returns:
+            The ids.
+        """
         return ()
 
 

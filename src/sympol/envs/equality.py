@@ -1,4 +1,4 @@
-"""Whether anything tells two Python objects apart: the proof that a copy of an environment is the same environment.
+"""Compare Python objects by all that tells them apart, to prove that a copy of an environment is the same one.
 
 Two environments made in the same way need not be equal: an attribute may have been set afterwards, a wrapper may have
 gathered statistics. Their whole state is compared, attribute by attribute. What cannot be compared counts as different.
@@ -49,6 +49,13 @@ def are_equal(a: Any, b: Any) -> bool:
     Environments are equal if their wrappers and all attributes are, apart from wrappers `WITHOUT_EFFECT`, from what
     they know of how they were made (``spec``), from what they draw with, and from how often a time limit is imposed in
     the same place.
+
+    Args:
+        a: An object.
+        b: Another object.
+
+    Returns:
+        True if nothing tells them apart; False if something does, or if they cannot be compared.
     """
     try:
         return _Comparison().equal(a, b)
@@ -57,7 +64,14 @@ def are_equal(a: Any, b: Any) -> bool:
 
 
 def step_limit(env: gymnasium.Env) -> int | None:
-    """Return the smallest number of steps to which a `TimeLimit` wrapper of the environment cuts episodes."""
+    """Return the smallest number of steps to which a `TimeLimit` wrapper of the environment cuts episodes.
+
+    Args:
+        env: The environment.
+
+    Returns:
+        The limit, or None if there is none.
+    """
     limits = [layer._max_episode_steps for layer in _layers(env) if isinstance(layer, TimeLimit)]
     return min(limits, default=None)
 
@@ -215,12 +229,12 @@ def _attributes(value: Any, slots: list[str]) -> dict[str, Any]:
 
 
 def _is_derived(kind: type, name: str) -> bool:
-    """Whether an attribute is a cached property, which one object may have been asked for and another not."""
+    """Return whether an attribute is a cached property, which one object may have been asked for and another not."""
     return any(isinstance(vars(one).get(name), cached_property) for one in kind.__mro__)
 
 
 def _has_more_than(slots: list[str], kind: type) -> bool:
-    """Whether objects of a class hold memory besides their attributes, as those of a class written in C do."""
+    """Return whether objects of a class hold memory besides their attributes, as those of a class written in C do."""
     special = [name for name in ("__dict__", "__weakref__") if hasattr(kind, name)]
     names = [f"slot_{i}" for i in range(len(slots))]
     return kind.__basicsize__ != type("Plain", (), {"__slots__": [*special, *names]}).__basicsize__

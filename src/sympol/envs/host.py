@@ -22,7 +22,15 @@ from .spaces import LARGEST, Features, describe, native_actions
 
 
 def require_finite(what: str, values: Float32[ndarray, "envs ..."]) -> None:
-    """Raise EnvironmentFailure, naming the copy, where NaN or infinity is among the values."""
+    """Refuse NaN and infinity.
+
+    Args:
+        what: The name of the values, for the message.
+        values: The values of each environment.
+
+    Raises:
+        EnvironmentFailure: A value is not finite; the message names the environment.
+    """
     if np.isfinite(values).all():
         return
     index = np.argwhere(~np.isfinite(values))[0][0]
@@ -32,7 +40,16 @@ def require_finite(what: str, values: Float32[ndarray, "envs ..."]) -> None:
 
 
 def require_held(what: str, observations: Float32[ndarray, "envs features"], names: Sequence[str]) -> None:
-    """Raise EnvironmentFailure where an observation is not finite, or too large to be scaled in float32."""
+    """Refuse observations that are not finite, or too large to be scaled in float32.
+
+    Args:
+        what: The name of the observations, for the message.
+        observations: The observation of each environment.
+        names: The names of the features.
+
+    Raises:
+        EnvironmentFailure: A feature breaks the rule; the message names it and the environment.
+    """
     if (np.abs(observations) <= LARGEST).all():
         return
     require_finite(what, observations)
@@ -44,15 +61,22 @@ def require_held(what: str, observations: Float32[ndarray, "envs features"], nam
 
 
 def too_large(names: Sequence[str]) -> str:
-    """Say what to do about features that are beyond `LARGEST`."""
+    """Return the part of a message that says what to do about features beyond `LARGEST`.
+
+    Args:
+        names: The names of the features.
+
+    Returns:
+        The rule and the remedy.
+    """
     return (
         f"{', '.join(names)} must be at most {LARGEST:.2g} in magnitude, as larger numbers cannot be scaled in "
         "float32: give it in a larger unit, or its logarithm (gymnasium.wrappers.TransformObservation)"
     )
 
 
-class Moved(NamedTuple):
-    """What one Gymnasium environment answers to an action; its ``info`` is nobody's concern."""
+class StepResult(NamedTuple):
+    """The answer of one Gymnasium environment to an action, without its ``info``."""
 
     observation: Any
     reward: float
@@ -61,11 +85,18 @@ class Moved(NamedTuple):
 
 
 def begin(env: gymnasium.Env, who: str = "", **options: Any) -> Any:
-    """Start an episode of one environment; return the first observation as the environment gave it.
+    """Start an episode of one environment.
 
-    ``who`` is what to call it in a message, by default its class.
+    Args:
+        env: The environment.
+        who: Its name in messages, by default that of its class.
+        options: Arguments of its ``reset``.
 
-    Raises EnvironmentFailure if it raises, or does not return ``(observation, info)``.
+    Returns:
+        The first observation, as the environment gave it.
+
+    Raises:
+        EnvironmentFailure: It raised an error, such as a TypeError, or did not return ``(observation, info)``.
     """
     try:
         answer: Any = env.reset(**options)
@@ -79,13 +110,22 @@ def begin(env: gymnasium.Env, who: str = "", **options: Any) -> Any:
     return answer[0]
 
 
-def advance(env: gymnasium.Env, action: Any, who: str = "") -> Moved:
-    """Take one step in one environment; otherwise as `begin`.
+def advance(env: gymnasium.Env, action: Any, who: str = "") -> StepResult:
+    """Take one step in one environment.
 
     A reward or flag may also be an array that holds one number, such as one of shape (1,).
 
-    Raises EnvironmentFailure if the environment raises, or does not return
-    ``(observation, reward, terminated, truncated, info)``.
+    Args:
+        env: The environment.
+        action: The action, as the environment takes it.
+        who: Its name in messages, by default that of its class.
+
+    Returns:
+        The result.
+
+    Raises:
+        EnvironmentFailure: It raised an error, such as a TypeError, or did not return
+            ``(observation, reward, terminated, truncated, info)``.
     """
     try:
         answer: Any = env.step(action)
@@ -97,7 +137,7 @@ def advance(env: gymnasium.Env, action: Any, who: str = "") -> Moved:
                 "(truncated)"
             )
         observation, reward, terminated, truncated, _ = answer
-        return Moved(
+        return StepResult(
             observation,
             float(_single("reward", "a number", reward)),
             bool(_single("terminated", "true or false", terminated)),
@@ -119,7 +159,7 @@ def _failure(env: gymnasium.Env, who: str, where: str, error: Exception) -> Envi
 
 
 def _single(what: str, kind: str, value: Any) -> Any:
-    """The one number that a value is or holds."""
+    """Return the one number that a value is or holds."""
     if isinstance(value, bool | int | float):
         return value
     try:
@@ -133,13 +173,19 @@ def _single(what: str, kind: str, value: Any) -> Any:
 
 
 class HostEnvs:
-    """``num_envs`` copies of a Gymnasium environment, reset by themselves when an episode ends."""
+    """Copies of a Gymnasium environment, reset by themselves when an episode ends.
+
+    Args:
+        make: A function that makes a copy.
+        num_envs: The number of copies.
+        features: The description of the observation space.
+
+    Raises:
+        EnvironmentFailure: The first copy can be made and a later one cannot; those made before are closed.
+        ValueError: The function returns the same object each time.
+    """
 
     def __init__(self, make: Callable[[], gymnasium.Env], num_envs: int, features: Features):
-        """Make the copies. ``features`` describes the observation space of each.
-
-        Raises EnvironmentFailure where the first can be made and a later one cannot; those made before are closed.
-        """
         self._names = features.names
         makers = [_Maker(make, index, features) for index in range(num_envs)]
         try:
@@ -162,14 +208,23 @@ class HostEnvs:
 
     @property
     def was_cut(self) -> bool:
-        """Whether `step` has cut an episode at its ``max_steps`` since `reset`."""
+        """True where `step` has cut an episode at its ``max_steps`` since `reset`."""
         return any(copy.was_cut for copy in self._copies)
 
     def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
         """Start an episode in every copy.
 
-        Each copy gets its own seed out of this one; with ``seed + index`` two trainings would share most. They
-        are even: no test episode has such a seed (`sympol.evaluate.episode_seed`).
+        Each copy gets its own seed derived from this one; with ``seed + index`` two trainings would share most. They
+        are even: no test episode has such a seed (`sympol.play.episode_seed`).
+
+        Args:
+            seed: The seed.
+
+        Returns:
+            The first observations.
+
+        Raises:
+            EnvironmentFailure: A copy raised an error, or returned NaN or infinity.
         """
         seeds: list[int | None] = [
             word & ~1 for word in np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()
@@ -186,15 +241,20 @@ class HostEnvs:
         wanted: Bool[ndarray, " envs"] | None = None,
         max_steps: int | None = None,
     ) -> tuple[Step, Float32[ndarray, "envs features"]]:
-        """Take one step in every copy, or in those ``wanted``; the rows of the others mean nothing.
+        """Take one step in every copy, or in those that are wanted.
 
-        An episode that has come to ``max_steps`` steps and does not end by itself is truncated.
+        Args:
+            actions: The policy's actions: int32 ``[E]`` or ``[E, k]`` counted from zero, or float32 ``[E, A]`` or
+                ``[E, *shape]`` within the bounds.
+            wanted: Which copies to step; rows of the others in the result have no meaning. All by default.
+            max_steps: The number of steps after which an episode that does not end by itself is truncated.
 
-        The actions are the policy's: int32 ``[E]`` or ``[E, k]`` counted from zero, or float32 ``[E, A]`` or
-        ``[E, *shape]`` within the bounds. Returns the step, with the true last observation of every episode
-        that ended, and the observation that the next actions answer to: after an end, the first of a new one.
+        Returns:
+            The step, with the true last observation of every episode that ended, and the observations that the next
+            actions answer to: after an end, the first of a new episode.
 
-        Raises EnvironmentFailure if a copy raises, or returns NaN or infinity.
+        Raises:
+            EnvironmentFailure: A copy raised an error, or returned NaN or infinity.
         """
         actions = native_actions(self._envs.single_action_space, actions)
         for index, copy in enumerate(self._copies):
@@ -217,7 +277,7 @@ class HostEnvs:
 
 
 class _Maker:
-    """Makes one copy, which answers in flat features and knows its index when something goes wrong."""
+    """The maker of one copy, which returns flat features and names its index in messages."""
 
     def __init__(self, make: Callable[[], gymnasium.Env], index: int, features: Features):
         self.make, self.index, self.features = make, index, features

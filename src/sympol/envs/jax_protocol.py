@@ -1,4 +1,4 @@
-"""The door for environments in JAX: what a user wrote is made to keep the protocol of `sympol.envs.env`, or refused.
+"""Check environments in JAX: what a user wrote is made to keep the protocol of `sympol.envs.env`, or refused.
 
 Nothing is computed here: JAX only says which shapes and dtypes ``reset`` and ``step`` return.
 """
@@ -32,7 +32,7 @@ class _Leaf(NamedTuple):
 
 @dataclass(frozen=True)
 class _Answers:
-    """What an environment was seen to return, by shapes and dtypes."""
+    """The shapes and dtypes that an environment returns."""
 
     state: tuple[_Leaf, ...]
     keeps_protocol: bool
@@ -100,12 +100,19 @@ class JaxEnv:
 
 
 def kept_to_protocol(env: Env) -> Env:
-    """The environment itself where it keeps the protocol of `Env`, else one around it that does.
+    """Return the environment itself where it keeps the protocol of `Env`, else one around it that does.
 
     Integer rewards, Python's own bools and numbers, observations of another dtype, keys of `jax.random` in the state
     and ``max_episode_steps = None`` are made to fit.
 
-    Raises ValueError, in one line that names what does not fit, where no cast can mend it.
+    Args:
+        env: The environment.
+
+    Returns:
+        An environment that keeps the protocol.
+
+    Raises:
+        ValueError: No cast makes it fit; the message, of one line, names what does not.
     """
     if type(env).__module__.startswith(f"{__name__.partition('.')[0]}."):
         return env  # our own keep it: tests/envs/test_protocol.py
@@ -115,9 +122,16 @@ def kept_to_protocol(env: Env) -> Env:
 
 
 def time_limit(env: Any) -> int | None:
-    """The most steps of an episode, by the environment's own ``max_episode_steps``; None where it has no limit.
+    """Return the time limit that an environment declares as its ``max_episode_steps``.
 
-    Raises ValueError for what is no positive whole number.
+    Args:
+        env: The environment.
+
+    Returns:
+        The number of steps, or None where it has no limit.
+
+    Raises:
+        ValueError: It is no positive whole number.
     """
     limit = getattr(env, "max_episode_steps", None)
     if limit is None:
@@ -144,7 +158,7 @@ def _answers_of(env: Env) -> _Answers:
     impls: dict[str, list[Any]] = {}
 
     def traced(where: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What a function returns, as shapes; what keys its state holds is noted on the way."""
+        """Return the shapes that a function returns, and note the keys in its state."""
 
         def noting(*given: Any) -> Any:
             answer = function(*given)

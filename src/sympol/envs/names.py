@@ -1,4 +1,4 @@
-"""What Gymnasium's own environments see and do, in words.
+"""Names of the features and actions of Gymnasium's own environments.
 
 Those written in JAX carry their names themselves; `sympol.register` adds and replaces names.
 """
@@ -13,12 +13,17 @@ from gymnasium.spaces import flatdim
 
 
 class Names(NamedTuple):
-    """Of the features and actions of one environment, with units where there are any."""
+    """The names of the features and actions of one environment, with units where there are any.
+
+    Attributes:
+        features: Names of the features.
+        actions: Names of the actions, or of the components of an action.
+        integers: Positions of features that are whole numbers, though the space does not say so.
+    """
 
     features: tuple[str, ...]
     actions: tuple[str, ...]
     integers: tuple[int, ...] = ()
-    """Features that are whole numbers, though the space does not say so."""
 
 
 _LANDER = (
@@ -86,10 +91,17 @@ NAMES: dict[str, Names] = {
 
 
 def known_names(env: object, name: str) -> dict[str, tuple[Any, ...]]:
-    """The ``feature_names``, ``integers`` and ``action_names`` of one of Gymnasium's, as far as they are known.
+    """Return the known names of an environment of Gymnasium's.
 
-    Only those that fit: arguments can give the same environment another map or other actions, and a wrapper
-    anything at all.
+    Arguments can give the same environment another map or other actions, and a wrapper anything at all, so names that
+    do not fit are left out.
+
+    Args:
+        env: The environment.
+        name: Its id.
+
+    Returns:
+        Those of ``feature_names``, ``integers`` and ``action_names`` that are known and fit.
     """
     spec = env.spec if isinstance(env, gymnasium.Env) else None
     if name not in NAMES or spec is None or spec.additional_wrappers or not isinstance(env, gymnasium.Env):

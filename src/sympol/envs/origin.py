@@ -1,4 +1,6 @@
-"""How an environment was made, as far as a run's folder can keep it: data only, so that reading it needs no Gymnasium.
+"""The origin of an environment: how it was made, as far as a run's folder can keep it.
+
+This is data only, so that reading it needs no Gymnasium.
 
 `sympol.envs.remake` describes environments in this form and makes them again.
 """
@@ -13,7 +15,12 @@ from .arguments import CannotKeep, from_plain, to_plain
 
 
 class Wrapping(NamedTuple):
-    """A wrapper, one of `sympol.envs.remake.KEPT_WRAPPERS`, with its arguments."""
+    """A wrapper, one of `sympol.envs.remake.KEPT_WRAPPERS`, with its arguments.
+
+    Attributes:
+        name: The name of the class.
+        kwargs: The arguments.
+    """
 
     name: str
     kwargs: Mapping[str, Any]
@@ -21,7 +28,7 @@ class Wrapping(NamedTuple):
 
 @dataclass(frozen=True)
 class Origin:
-    """What an environment was made with, besides its id.
+    """The arguments and wrappers that an environment was made with, besides its id.
 
     Args:
         env_kwargs: Arguments of `gymnasium.make`, or of the function that makes it.
@@ -35,11 +42,15 @@ class Origin:
 
     @property
     def is_as_registered(self) -> bool:
-        """Whether the id alone makes this environment."""
+        """True where the id alone makes this environment."""
         return not (self.env_kwargs or self.wrappers or self.not_kept)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the origin as TOML and JSON can hold it: ``env_kwargs``, ``wrappers`` and ``not_kept``."""
+        """Return the origin as TOML and JSON can hold it.
+
+        Returns:
+            A dictionary of ``env_kwargs``, ``wrappers`` and ``not_kept``.
+        """
         if self.not_kept:
             return {"env_kwargs": {}, "wrappers": [], "not_kept": self.not_kept}
         wrappers = [{"name": w.name, "kwargs": to_plain(dict(w.kwargs), w.name)} for w in self.wrappers]
@@ -51,7 +62,13 @@ class Origin:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Origin:
-        """Read what `to_dict` returned; parts that are missing are empty.
+        """Read what `to_dict` returned.
+
+        Args:
+            content: The dictionary; parts that are missing are empty.
+
+        Returns:
+            The origin.
 
         Raises:
             ValueError: It has another form.
@@ -71,7 +88,15 @@ class Origin:
 
     @classmethod
     def of_arguments(cls, env_kwargs: Mapping[str, Any], wrappers: tuple[Wrapping, ...] = ()) -> Origin:
-        """Describe an environment that was made by its id, arguments and `KEPT_WRAPPERS`."""
+        """Describe an environment that was made by its id.
+
+        Args:
+            env_kwargs: The arguments.
+            wrappers: The wrappers around it, from the innermost, of `KEPT_WRAPPERS`.
+
+        Returns:
+            The origin.
+        """
         try:
             to_plain(dict(env_kwargs), "env_kwargs")
         except CannotKeep as problem:

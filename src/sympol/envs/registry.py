@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Any, get_args
 
 import gymnasium
 
 from ..trees.groups import Group
-from .adapters import all_ids, built_in
+from .adapters import all_ids, built_in, lists
 from .adapters.gymnasium import make
 from .capabilities import NativeEngine
 from .diagnostics import warn_of_environment
@@ -18,6 +18,7 @@ from .env import Env
 from .jax_protocol import kept_to_protocol
 from .names import NAMES, known_names
 from .origin import Origin, Wrapping
+from .recorded import Recorded
 from .sources import Source, is_factory, make_wrapped, open_source
 from .spaces import Features, action_spec
 from .spec import Backend, EnvSpec, HostFactory, not_listed
@@ -59,6 +60,7 @@ def resolve(
     backend: Backend = "auto",
     wrappers: Sequence[Wrapping] = (),
     require_installed: bool = True,
+    recorded: Recorded | None = None,
 ) -> EnvSpec:
     """Find an environment by id, object or factory, and describe it.
 
@@ -73,6 +75,8 @@ def resolve(
         wrappers: Wrappers of Gymnasium to put around an environment named by its id, from the innermost.
         require_installed: Whether backend ``"native"`` is refused where Numba is missing; otherwise only training
             fails.
+        recorded: The spaces that a run's folder has of an id. Then an environment of Gymnasium is not made until it is
+            played.
 
     Returns:
         The description of the environment.
@@ -88,7 +92,7 @@ def resolve(
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
     kwargs = dict(env_kwargs or {})
     entry = _entry(env) if isinstance(env, str) and not wrappers else Entry()
-    source = _open(env, entry, kwargs, tuple(wrappers))
+    source = _open(env, entry, kwargs, tuple(wrappers), recorded)
     name, jax_env = env if isinstance(env, str) else source.name, source.jax_env
     make_host = _host_of(source, entry, name, kwargs)
     _require_form(name, jax_env, make_host, backend)
@@ -113,7 +117,7 @@ def resolve(
             observation_space,
             own("feature_names", feature_names),
             own("groups", groups),
-            known.get("integers", ()),
+            known.get("integers", ()) if recorded is None else recorded.integers,
         ),
         actions=action_spec(action_space, own("action_names", action_names)),
         max_episode_steps=source.max_episode_steps,
@@ -129,9 +133,13 @@ def resolve(
     return spec
 
 
-def _open(env: Any, entry: Entry, kwargs: dict[str, Any], wrappers: tuple[Wrapping, ...]) -> Source:
-    """Make an environment in the form that training prefers; say how it was made, as a run keeps it."""
-    if wrappers:
+def _open(
+    env: Any, entry: Entry, kwargs: dict[str, Any], wrappers: tuple[Wrapping, ...], recorded: Recorded | None
+) -> Source:
+    """Look at an environment in the form that training prefers; say how it was made, as a run keeps it."""
+    if recorded is not None and entry.env is None and _is_listed(env):
+        source = Source(recorded, _later(env, kwargs, wrappers))
+    elif wrappers:
         inner = resolve(env, env_kwargs=kwargs, backend="host").make_host
         assert inner is not None
         source = open_source(partial(make_wrapped, inner, wrappers), {}, _remake)
@@ -150,6 +158,23 @@ def _open(env: Any, entry: Entry, kwargs: dict[str, Any], wrappers: tuple[Wrappi
         not_kept = f"where {name} had been registered anew"
         source = source._replace(find_origin=partial(Origin, kwargs, wrappers, not_kept))
     return source
+
+
+def _is_listed(env_id: str) -> bool:
+    """Return whether an environment exists, as far as that can be told without importing anything."""
+    return env_id.rpartition(":")[2] in gymnasium.registry or lists(env_id)
+
+
+def _later(env_id: str, kwargs: dict[str, Any], wrappers: tuple[Wrapping, ...]) -> HostFactory:
+    """Return a function that makes an environment, which is looked at when the first is made."""
+
+    @cache
+    def make_host() -> HostFactory:
+        found = resolve(env_id, env_kwargs=kwargs, wrappers=wrappers, backend="host").make_host
+        assert found is not None
+        return found
+
+    return lambda **options: make_host()(**options)
 
 
 def _entry(env_id: str) -> Entry:

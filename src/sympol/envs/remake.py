@@ -88,7 +88,14 @@ def describe(
 
 
 def wrap(env: gymnasium.Env, wrappers: Sequence[Wrapping]) -> gymnasium.Env:
-    """Put wrappers around an environment, the first of them innermost.
+    """Put wrappers around an environment.
+
+    Args:
+        env: The environment.
+        wrappers: The wrappers, from the innermost.
+
+    Returns:
+        The outermost wrapper.
 
     Raises:
         ValueError: A wrapper is none of the `KEPT_WRAPPERS`, or this version of Gymnasium does not have it.
@@ -104,7 +111,14 @@ def wrap(env: gymnasium.Env, wrappers: Sequence[Wrapping]) -> gymnasium.Env:
 
 
 def copier(env: gymnasium.Env) -> Callable[[], gymnasium.Env] | None:
-    """Return a function that makes copies of an environment object; None where they are not proven to be the same."""
+    """Return a function that makes copies of an environment object.
+
+    Args:
+        env: The object.
+
+    Returns:
+        The function, or None where copies are not proven to be the same.
+    """
     spec = env.spec
     if spec is None:
         return None
@@ -124,7 +138,15 @@ def copier(env: gymnasium.Env) -> Callable[[], gymnasium.Env] | None:
 
 
 def are_same(env: gymnasium.Env, made: gymnasium.Env) -> bool:
-    """Return whether a user's environment and one that was made just now are equal, if need be after a reset."""
+    """Return whether a user's environment and one that was made just now are equal, if need be after a reset.
+
+    Args:
+        env: The user's environment.
+        made: The other one.
+
+    Returns:
+        True if they are.
+    """
     if are_equal(env, made):
         return True
     try:  # it may have been played already
@@ -158,5 +180,5 @@ def _render_mode(kwargs: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _quietly() -> warnings.catch_warnings:
-    """Silence what Gymnasium says of every environment it makes; of the user's it has been said."""
+    """Silence what Gymnasium says of every environment it makes, because it has said so of the user's."""
     return warnings.catch_warnings(action="ignore")

@@ -1,4 +1,4 @@
-"""What a user gives as an environment: an object, or a function that makes one."""
+"""Sources of environments, as users give them: an object, or a function that makes one."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .env import Env
 from .equality import step_limit
 from .jax_protocol import time_limit
 from .origin import Origin, Wrapping
+from .recorded import Recorded
 from .remake import copier, describe, wrap
 from .spaces import require_spaces
 from .spec import HostFactory, no_copies
@@ -21,9 +22,9 @@ Remake: TypeAlias = Callable[[str, Mapping[str, Any]], gymnasium.Env]
 
 
 class Source(NamedTuple):
-    """One environment to look at, and how to make more of it in Gymnasium; the fields are those of `EnvSpec`."""
+    """One environment to look at, and how to make more of it in Gymnasium; other fields are those of `EnvSpec`."""
 
-    example: gymnasium.Env | Env
+    example: gymnasium.Env | Env | Recorded
     make_host: HostFactory | None
     has_one_copy: bool = False
     find_origin: Callable[[], Origin] = Origin
@@ -40,7 +41,7 @@ class Source(NamedTuple):
     @property
     def jax_env(self) -> Env | None:
         """The environment if it is written in JAX."""
-        return None if isinstance(self.example, gymnasium.Env) else self.example
+        return None if isinstance(self.example, gymnasium.Env | Recorded) else self.example
 
     @property
     def max_episode_steps(self) -> int | None:
@@ -49,7 +50,7 @@ class Source(NamedTuple):
         if isinstance(env, gymnasium.Env):
             limit = step_limit(env)
             return limit if limit is not None or env.spec is None else env.spec.max_episode_steps
-        return time_limit(env)
+        return env.max_episode_steps if isinstance(env, Recorded) else time_limit(env)
 
 
 def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
@@ -95,12 +96,28 @@ def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
 
 
 def is_factory(env: object) -> bool:
-    """Return whether something makes an environment; a class of environments does, whatever attributes it has."""
+    """Return whether something makes an environment; a class of environments does, whatever attributes it has.
+
+    Args:
+        env: What was given.
+
+    Returns:
+        True for a function or a class.
+    """
     return callable(env) and (isinstance(env, type) or not isinstance(env, gymnasium.Env | Env))
 
 
 def make_wrapped(make: HostFactory, wrappers: Sequence[Wrapping], **options: Any) -> gymnasium.Env:
-    """Make an environment and put wrappers around it, from the innermost."""
+    """Make an environment and put wrappers around it.
+
+    Args:
+        make: A function that makes the environment.
+        wrappers: The wrappers, from the innermost.
+        options: Arguments of the function.
+
+    Returns:
+        The outermost wrapper.
+    """
     return wrap(make(**options), wrappers)
 
 

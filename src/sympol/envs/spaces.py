@@ -1,6 +1,6 @@
 """Gymnasium's spaces as a tree sees them: an observation is a row of named numbers.
 
-All of it is NumPy on the host; an environment in JAX already speaks in flat float32 vectors.
+Everything here is NumPy on the host; observations of environments in JAX are flat float32 vectors already.
 """
 
 from __future__ import annotations
@@ -21,20 +21,26 @@ from ..trees.floats import flushed
 from ..trees.groups import Group, check_groups, require_one_hot
 
 UNBOUNDED = 1e6
-"""A bound as far out as this says nothing about a feature: it stands there because the space asked for one."""
+"""Bounds as large as this are ignored: they say nothing about a feature, and exist because a space needs bounds."""
 
 LARGEST = 2.0**63
-"""Observations beyond that are not trained on: in float32 their squares, and with them any scale, overflow."""
+"""The largest observation that can be trained on: in float32 the squares of larger ones, and so their scale,
+overflow."""
 
 Path: TypeAlias = tuple[Any, ...]
-"""Where a space is inside another: the keys of ``Dict`` and the positions of ``Tuple``, from the root on."""
+"""The place of a space inside another: keys of ``Dict`` and positions of ``Tuple``, from the root."""
 
 
 class Feature(NamedTuple):
-    """One number of an observation and the range it moves in.
+    """One number of an observation.
 
-    ``name`` is what it is called below the path of its space: ``[1, 2]``, ``[0] = 3``. ``choice`` is the index of the
-    category that it is one-hot of, None where it is no category; ``integer`` says that it is a whole number.
+    Attributes:
+        path: The place of its space.
+        name: Its name below this path: ``[1, 2]``, ``[0] = 3``.
+        low: The lowest value.
+        high: The highest value.
+        choice: The index of the choice that it is a category of, or None.
+        integer: Whether it is a whole number.
     """
 
     path: Path
@@ -47,11 +53,19 @@ class Feature(NamedTuple):
 
 @dataclass(frozen=True)
 class Features:
-    """How an observation space becomes F float32 features.
+    """The F float32 features that an observation space becomes.
 
     The order is that of `gymnasium.spaces.flatten`: ``Box`` and ``MultiBinary`` in C order, ``Discrete`` and
     ``MultiDiscrete`` one-hot, ``Dict`` by its (sorted) keys, ``Tuple`` by position. float64 numbers, and
-    integers beyond 2²⁴, lose their last digits in float32: the tree sees them rounded, always alike.
+    integers beyond 2²⁴, lose their last digits in float32: the tree sees them rounded, always in the same way.
+
+    Attributes:
+        space: The observation space.
+        names: The names of the features.
+        low: The lower bounds; infinite where there are none.
+        high: The upper bounds; infinite where there are none.
+        groups: Features that are one-hot together.
+        integers: Positions of features that are whole numbers and in no group.
     """
 
     space: Space
@@ -69,14 +83,22 @@ class Features:
         groups: Sequence[Group] | None = None,
         integers: Sequence[int] = (),
     ) -> Features:
-        """Describe a space, with the user's names in place of ``x[0]``, ``camera[1, 2]``, ``weather = 3``.
+        """Describe a space.
 
-        ``groups`` are the features that are one-hot together; by default those that a ``Discrete`` or a
-        ``MultiDiscrete`` became. ``integers`` are the positions of features that are whole numbers, besides those of
-        which the space says so. Bounds that are NaN, too far out (`UNBOUNDED`) or the wrong way round are
-        none: what believes in bounds, such as pruning, would cut by them what the environment does visit.
+        Bounds that are NaN, too large (`UNBOUNDED`) or the wrong way round are ignored: pruning, which relies on
+        bounds, would remove what the environment does visit.
 
-        Raises ValueError for an unsupported space, and for names and groups that do not fit.
+        Args:
+            space: The observation space.
+            names: Names in place of ``x[0]``, ``camera[1, 2]``, ``weather = 3``.
+            groups: Features that are one-hot together; by default those of each ``Discrete`` and ``MultiDiscrete``.
+            integers: Positions of features that are whole numbers, besides those of which the space says so.
+
+        Returns:
+            The features.
+
+        Raises:
+            ValueError: The space is unsupported, or names or groups do not fit.
         """
         features = list(_features(space))
         if not features:
@@ -98,7 +120,11 @@ class Features:
         )
 
     def metadata(self) -> dict[str, Any]:
-        """What a `DecisionTree` is told of its features, as its constructors take it."""
+        """Return the fields of a `DecisionTree` that describe its features.
+
+        Returns:
+            Keyword arguments of its constructors.
+        """
         return {
             "feature_names": self.names,
             "feature_low": self.low,
@@ -108,14 +134,20 @@ class Features:
         }
 
     def flatten(self, observation: Any) -> NDArray[np.float32]:
-        """Turn one observation, or a batch of them, into features ``[*batch, F]``.
+        """Turn one observation, or a batch of them, into features.
 
-        A batch has its leading axes on every array inside, as in Gymnasium's vector environments. What is
-        returned is always a new array. Numbers too small for float32's normal range become zero, because that
-        is what they are to JAX on the CPU.
+        Numbers too small for float32's normal range become zero, as for JAX on the CPU.
 
-        Raises ValueError, naming the place, where type, shape or category do not fit the space, and where a group
-        is not one-hot.
+        Args:
+            observation: The observation; a batch has its leading axes on every array inside, as in Gymnasium's vector
+                environments.
+
+        Returns:
+            A new array ``[*batch, F]``.
+
+        Raises:
+            ValueError: A type, shape or category does not fit the space, and the message says where; or a group is not
+                one-hot.
         """
         parts = list(_flatten(self.space, observation, "observation"))
         batch = parts[0].shape[:-1]
@@ -130,7 +162,14 @@ class Features:
         return flat
 
     def flatten_each(self, observations: Sequence[Any]) -> NDArray[np.float32]:
-        """Turn a list of single observations into features ``[len(observations), F]``."""
+        """Turn a list of single observations into features.
+
+        Args:
+            observations: The observations.
+
+        Returns:
+            An array ``[len(observations), F]``.
+        """
         if not len(observations):
             return np.zeros((0, len(self.names)), np.float32)
         if isinstance(self.space, Box):
@@ -141,7 +180,19 @@ class Features:
 
 
 def check_names(names: Sequence[str] | None, default: Sequence[str], what: str) -> tuple[str, ...]:
-    """Return the user's names after checking that there is one, and a different one, for each default."""
+    """Check the user's names: there must be one for each default, and no two may be equal.
+
+    Args:
+        names: The names, or None for the defaults.
+        default: The default names.
+        what: The name of the argument, for messages.
+
+    Returns:
+        The names.
+
+    Raises:
+        ValueError: The names break the rule.
+    """
     if names is None:
         return tuple(default)
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
@@ -157,7 +208,14 @@ def check_names(names: Sequence[str] | None, default: Sequence[str], what: str) 
 
 
 def require_spaces(env: Any) -> None:
-    """Raise ValueError, naming it, where an environment lacks one of its two spaces."""
+    """Check that an environment has its two spaces.
+
+    Args:
+        env: The environment.
+
+    Raises:
+        ValueError: It lacks one, which the message names.
+    """
     for name, like in (("observation_space", "Box(low, high)"), ("action_space", "Discrete(n)")):
         try:
             space = getattr(env, name)
@@ -173,9 +231,17 @@ def require_spaces(env: Any) -> None:
 
 
 def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
-    """Describe the actions of a space, with the user's names for its actions (``Discrete``) or components.
+    """Describe the actions of a space.
 
-    Raises ValueError for an unsupported space and for names that do not fit.
+    Args:
+        space: The action space.
+        names: Names of the actions (``Discrete``) or of their components.
+
+    Returns:
+        The description.
+
+    Raises:
+        ValueError: The space is unsupported, or the names do not fit.
     """
     match space:
         case Discrete():
@@ -194,12 +260,20 @@ def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
 
 
 def native_actions(space: Space, actions: ArrayLike) -> NDArray:
-    """Turn a policy's batch of actions into what environments with this space expect, ``[B, *space.shape]``.
+    """Turn a policy's batch of actions into what environments with this space expect.
 
-    The policy counts categories from zero, ``[B]`` for ``Discrete`` and ``[B, k]`` for ``MultiDiscrete``; its
-    continuous actions are float32, ``[B, A]`` or ``[B, *space.shape]``. The result starts where the space
-    starts and has its dtype. Rounding a float64 bound to float32 may have moved an action just past it, so it
-    is clipped again.
+    Rounding a float64 bound to float32 may have moved an action just past it, so it is clipped again.
+
+    Args:
+        space: The action space.
+        actions: Categories counted from zero, ``[B]`` for ``Discrete`` and ``[B, k]`` for ``MultiDiscrete``; or
+            float32, ``[B, A]`` or ``[B, *space.shape]``.
+
+    Returns:
+        Actions ``[B, *space.shape]`` of the space's dtype, counted from its start.
+
+    Raises:
+        ValueError: The space is unsupported.
     """
     actions = np.asarray(actions)
     match space:
@@ -242,7 +316,7 @@ def _features(space: Space, path: Path = ()) -> Iterator[Feature]:
 
 
 def _names(space: Space, features: Sequence[Feature]) -> list[str]:
-    """A name for each feature, and no name twice.
+    """Return a name for each feature, and no name twice.
 
     Keys are joined by dots, ``arm.joint``. Where that spells one name for several features, as the keys ``"arm.joint"``
     and ``"arm"`` → ``"joint"`` do, the spaces concerned are written with their keys in brackets: ``['arm']['joint']``.
@@ -337,7 +411,7 @@ def _array(observation: Any, kinds: str, space: Space, path: str) -> NDArray:
 
 
 def _converted(array: NDArray, observation: Any, space: Space) -> NDArray:
-    """The array as its space reads it, or as it is where the space does not read it."""
+    """Return the array as its space reads it, or as it is where the space does not read it."""
     if not array.size:
         return array.astype(space.dtype)
     if isinstance(space, MultiBinary) and array.dtype.kind in "fcO" and ((array == 0) | (array == 1)).all():
@@ -371,7 +445,14 @@ def _shorten(names: Sequence[str], limit: int = 8) -> str:
 
 
 def describe(value: Any) -> str:
-    """Say what was given, for a message: type and value, shortened, and of an array only dtype and shape."""
+    """Describe a value for a message: type and value, shortened, and of an array only dtype and shape.
+
+    Args:
+        value: The value.
+
+    Returns:
+        The description.
+    """
     if isinstance(value, np.ndarray):
         return f"{value.dtype} array of shape {value.shape}"
     text = repr(value)

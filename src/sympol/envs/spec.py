@@ -143,7 +143,7 @@ class EnvSpec:
             raise ValueError(f"{self.name} is written in JAX and has no form in Gymnasium")
         if not self.has_one_copy:
             return HostEnvs(self.make_host, num_envs, self.features)
-        own = partial(_Lent, self.make_host())
+        own = partial(_Kept, self.make_host())
         if num_envs == 1:
             return HostEnvs(own, 1, self.features)
         copies = self.find_copies()
@@ -161,7 +161,11 @@ class OneCopy(UserWarning):
 
 
 def warn_of_one_copy(spec: EnvSpec) -> None:
-    """Warn where an object of Gymnasium's could have been expected to be copied, and is not."""
+    """Warn where an object of Gymnasium's could have been expected to be copied, and is not.
+
+    Args:
+        spec: The environment.
+    """
     if spec.has_one_copy and spec.name in gymnasium.registry and not spec.can_be_copied:
         warnings.warn(
             f"the {spec.name} given is trained on alone (num_envs=1): it differs from what its spec makes, because it "
@@ -172,7 +176,7 @@ def warn_of_one_copy(spec: EnvSpec) -> None:
         )
 
 
-class _Lent(gymnasium.Wrapper):
+class _Kept(gymnasium.Wrapper):
     """The user's own object, which stays open."""
 
     def close(self) -> None:

@@ -37,6 +37,7 @@ _TYPES = {
     "wrappers": list,
     "not_kept": str,
     "groups": list,
+    "spaces": dict,
     "distilled": dict,
     "start": dict,
 }
@@ -46,6 +47,7 @@ _OPTIONAL: dict[str, Any] = {
     "wrappers": [],
     "not_kept": "",
     "groups": [],
+    "spaces": {},
     "distilled": {},
     "start": {},
 }
@@ -93,6 +95,8 @@ def describe(
         distilled: For a distilled tree, the method, its options and the teacher; else empty.
         start: For a training that starts from a tree, where it is from and how to start; else empty.
     """
+    from ..envs.recorded import record  # and with it Gymnasium
+
     return {
         "format": FORMAT,
         "sympol": __version__,
@@ -105,6 +109,7 @@ def describe(
         "action_names": list(spec.actions.names),
         **spec.origin.to_dict(),
         "groups": [_group_to_toml(group) for group in spec.features.groups],
+        "spaces": record(spec),
         "distilled": dict(distilled),
         "start": dict(start),
     }

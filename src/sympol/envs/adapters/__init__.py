@@ -41,14 +41,37 @@ def built_in(env_id: str) -> Entry:
     return Entry()
 
 
+def lists(env_id: str) -> bool:
+    """Return whether an adapter lists an id as one of its own.
+
+    Args:
+        env_id: The id.
+
+    Returns:
+        True if one does.
+    """
+    return any(
+        env_id.startswith(beginning) and env_id in load(adapter).ids()
+        for beginning, adapter in ADAPTERS.items()
+    )
+
+
 def all_ids() -> Iterator[str]:
-    """Yield the ids that the adapters list."""
+    """List the ids of all adapters.
+
+    Yields:
+        The ids.
+    """
     for adapter in dict.fromkeys(ADAPTERS.values()):
         yield from load(adapter).ids()
 
 
 def import_for(env_id: str) -> None:
-    """Import the package that may register an id, in whatever case it is written; nothing if it is not installed."""
+    """Import the package that may register an id; nothing if it is not installed.
+
+    Args:
+        env_id: The id, in whatever case it is written.
+    """
     for beginning, adapter in ADAPTERS.items():
         stem = beginning.rstrip("-/").lower()
         if stem and env_id.lower().startswith(stem) and (module := load(adapter).registers):
@@ -58,7 +81,14 @@ def import_for(env_id: str) -> None:
 
 @cache
 def load(adapter: str | type[Adapter]) -> Adapter:
-    """Return the adapter of a value of `ADAPTERS`, imported when it is first used."""
+    """Return an adapter, imported when it is first used.
+
+    Args:
+        adapter: A value of `ADAPTERS`.
+
+    Returns:
+        The adapter.
+    """
     if isinstance(adapter, str):
         module, _, name = adapter.partition(":")
         return getattr(import_module(module), name)()

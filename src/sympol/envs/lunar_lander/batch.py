@@ -43,6 +43,9 @@ def engine_power(
 
     Args:
         actions: One of the four actions each, or two numbers between -1 and 1.
+
+    Returns:
+        The power of the main engine and of a side engine.
     """
     if actions.dtype.kind in "iu":
         return _BY_ACTION[actions]

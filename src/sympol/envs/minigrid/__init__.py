@@ -36,9 +36,19 @@ def view_of(
     planes: Sequence[int] | None = None,
     actions: Sequence[int] | None = None,
 ) -> View:
-    """The view of a task, by default with the planes and actions that matter in it.
+    """Return the view of a task.
 
-    Raises ValueError for a view size, planes or actions that `View` refuses.
+    Args:
+        env_id: The id of any of Farama's tasks or ours.
+        view_size: Cells along a side, odd.
+        planes: Numbers of the planes; by default those that matter in the task.
+        actions: Numbers of the actions; by default those that matter in the task.
+
+    Returns:
+        The view.
+
+    Raises:
+        ValueError: `View` refuses one of the options.
     """
     task = TASKS.get(env_id)
     default = View() if task is None else task
@@ -52,12 +62,29 @@ def view_of(
 
 
 def make(env_id: str, **options: Any) -> MiniGrid:
-    """One of `TASKS` in JAX; options as of `view_of`."""
+    """Make a task in JAX.
+
+    Args:
+        env_id: One of `TASKS`.
+        options: Arguments of `view_of`.
+
+    Returns:
+        The environment.
+    """
     return MiniGrid(TASKS[env_id], view_of(env_id, **options))
 
 
 def make_host(env_id: str, *, render_mode: str | None = None, **options: Any) -> gymnasium.Env:
-    """Any task of Farama's package in Gymnasium, and ours; options as of `view_of`."""
+    """Make a task in Gymnasium.
+
+    Args:
+        env_id: The id of any of Farama's tasks or ours.
+        render_mode: How it draws itself, as in Gymnasium.
+        options: Arguments of `view_of`.
+
+    Returns:
+        The environment.
+    """
     from . import host
 
     all_actions = env_id not in TASKS and options.get("actions") is None

@@ -1,4 +1,4 @@
-"""What a cell of a MiniGrid shows, as one integer: the bits of its one-hot encoding.
+"""Cells of a MiniGrid as integers: the bits of their one-hot encoding.
 
 Farama's package shows a cell as three numbers (object, colour, state), and its ``OneHotPartialObsWrapper`` turns
 them into 11 + 6 + 3 = 20 planes. Here a cell is an int32 whose bit p is plane p, so that a plane is one shift
@@ -11,7 +11,7 @@ OBJECTS = ("unseen", "empty", "wall", "floor", "door", "key", "ball", "box", "go
 COLOURS = ("red", "green", "blue", "purple", "yellow", "grey")
 STATES = ("open", "closed", "locked")
 ACTIONS = ("turn left", "turn right", "move forward", "pick up", "drop", "toggle", "done")
-"""In the order of the numbers that Farama's package gives them."""
+"""Names of the actions, in the order of the numbers that Farama's package gives them."""
 
 LEFT, RIGHT, FORWARD, PICK_UP, DROP, TOGGLE, DONE = range(len(ACTIONS))
 
@@ -23,16 +23,32 @@ KINDS = {
 """The planes of each kind; of every kind, exactly one is 1 in a cell."""
 
 PLANES = (*OBJECTS, *COLOURS, *STATES)
-"""What each plane says, by its number."""
+"""Names of the planes, by number."""
 
 
 def bits(*planes: str) -> int:
-    """The integer in which the bits of these planes are set."""
+    """Return the integer in which the bits of some planes are set.
+
+    Args:
+        planes: Names of the planes.
+
+    Returns:
+        The integer.
+    """
     return sum(1 << PLANES.index(plane) for plane in planes)
 
 
 def cell(what: str, colour: str = "red", state: str = "open") -> int:
-    """An object as the bits of its one-hot encoding. MiniGrid calls everything open that is not a closed door."""
+    """Return an object as the bits of its one-hot encoding.
+
+    Args:
+        what: The object.
+        colour: Its colour.
+        state: Its state; MiniGrid calls everything open that is not a closed door.
+
+    Returns:
+        The integer.
+    """
     return bits(what, colour, state)
 
 
@@ -50,4 +66,4 @@ CARRIED = tuple(cell(what, colour) for what in ("key", "ball", "box") for colour
 ANYTHING = tuple(
     cell(what, colour, state) for what in OBJECTS if what != "agent" for colour in COLOURS for state in STATES
 )
-"""What any task could show in a cell; the agent itself is never shown."""
+"""Every code that a cell can have in any task; the agent itself is never shown."""

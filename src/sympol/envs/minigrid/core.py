@@ -29,9 +29,9 @@ from .task import GridState, Task
 from .view import View
 
 IN_HAND = -1
-"""Where a thing is that the agent carries."""
+"""The place of a thing that the agent carries."""
 MAX_TABLE_SIZE = 7
-"""Up to this view size, how sight spreads in a row is looked up; the table for the next has 2¹⁸ entries."""
+"""Up to this view size, how sight spreads in a row is read from a table; that for the next has 2¹⁸ entries."""
 
 
 @dataclass(frozen=True)
@@ -46,27 +46,27 @@ class MiniGrid:
 
     @property
     def max_episode_steps(self) -> int:
-        """Where an episode is cut off."""
+        """The number of steps after which an episode is truncated."""
         return self.task.max_steps
 
     @property
     def feature_names(self) -> tuple[str, ...]:
-        """Such as ``front is lava``."""
+        """Names such as ``front is lava``."""
         return self.view.feature_names
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Such as ``turn left``."""
+        """Names such as ``turn left``."""
         return self.view.action_names
 
     @property
     def groups(self) -> tuple[Group, ...]:
-        """What is one-hot together: the object in a cell, its colour, its state."""
+        """Features that are one-hot together: the object in a cell, its colour, its state."""
         return self.view.groups
 
     @property
     def observation_space(self) -> gymnasium.spaces.Box:
-        """0 or 1 for each feature; bounds that are equal where a feature never changes."""
+        """A box of 0 or 1 for each feature; its bounds are equal where a feature never changes."""
         return gymnasium.spaces.Box(self.view.low, self.view.high, dtype=np.float32)
 
     @property
@@ -75,19 +75,26 @@ class MiniGrid:
         return gymnasium.spaces.Discrete(len(self.view.actions))
 
     def reset(self, key: PRNGKeyArray) -> tuple[GridState, Float[Array, " features"]]:
-        """Start where the task may start."""
+        """Start an episode where the task may start. See `Env.reset`."""
         state = self.start(jax.random.bits(key, (self.task.num_draws,), jnp.uint32))
         return state, self.observe(state)
 
     def start(self, draws: UInt32[Array, " draws"]) -> GridState:
-        """The start that the task makes out of these random integers."""
+        """Return the start that the task makes of random integers.
+
+        Args:
+            draws: The integers.
+
+        Returns:
+            The state.
+        """
         start = self.task.start(draws)
         x, y, codes = start.things[:, 0], start.things[:, 1], start.things[:, 2]
         position = self.place(start.position[0], start.position[1])
         return GridState(start.layout, position, start.direction, self.place(x, y), codes, jnp.int32(0))
 
     def step(self, key: PRNGKeyArray, state: GridState, action: Int[Array, ""]) -> tuple[GridState, Step]:
-        """Turn, walk, or handle what is in front."""
+        """Turn, walk, or handle what is in front. See `Env.step`."""
         ahead = state.position + self._stride(state.direction)
         front = self._look(state, ahead[None])[0]
         turn = jnp.where(self._is(cells.LEFT, action), 3, 0) + jnp.where(self._is(cells.RIGHT, action), 1, 0)
@@ -108,7 +115,14 @@ class MiniGrid:
         return state, Step(self.observe(state), reward, terminated, time >= limit)
 
     def observe(self, state: GridState) -> Float[Array, " features"]:
-        """What the agent sees in this state."""
+        """Return what the agent observes.
+
+        Args:
+            state: The state.
+
+        Returns:
+            The observation.
+        """
         size = self.view.view_size
         column, row = np.divmod(np.arange(size * size, dtype=np.int32), np.int32(size))
         far, right = jnp.asarray(size - 1 - row), jnp.asarray(column - size // 2)
@@ -123,15 +137,31 @@ class MiniGrid:
         return ((seen[:, None] >> planes[None, :]) & 1).astype(jnp.float32).reshape(-1)
 
     def all_observations(self) -> Float32[np.ndarray, "observations features"] | None:
-        """Return every observation there can be, each once, or None where the world is too large."""
+        """List the observations. See `Env`.
+
+        Returns:
+            Every observation there can be, each once, or None where the world is too large.
+        """
         return all_observations(self)
 
     def state_graph(self) -> StateGraph | None:
-        """Return all states and transitions, or None where the world is too large."""
+        """List the states. See `Env`.
+
+        Returns:
+            All states and transitions, or None where the world is too large.
+        """
         return state_graph(self)
 
     def place(self, x: Int[Array, "*n"], y: Int[Array, "*n"]) -> Int[Array, "*n"]:
-        """The index of a cell in the padded grid."""
+        """Return the index of a cell in the padded grid.
+
+        Args:
+            x: The column, from the left.
+            y: The row, from the top.
+
+        Returns:
+            The index.
+        """
         return (y + self._padding) * self._width + x + self._padding
 
     @cached_property
@@ -150,23 +180,23 @@ class MiniGrid:
 
     @cached_property
     def rewards(self) -> Float32[np.ndarray, " times"]:
-        """For reaching the goal, at each time; in float64 as Farama computes it, then rounded."""
+        """The reward of reaching the goal at each time, computed in float64 as by Farama, then rounded."""
         limit = self.max_episode_steps
         return np.array([1 - 0.9 * (time / limit) for time in range(limit + 1)], np.float32)
 
     def _is(self, number: int, action: Int[Array, ""]) -> Bool[Array, ""]:
-        """Whether the policy's action is the one that Farama's package gives this number."""
+        """Return whether the policy's action is the one that Farama's package gives this number."""
         if number not in self.view.actions:
             return jnp.bool_(False)
         return action == self.view.actions.index(number)
 
     def _stride(self, direction: Int[Array, ""]) -> Int[Array, ""]:
-        """How far apart in the padded grid two cells are that follow each other in this direction."""
+        """Return the distance in the padded grid of two cells that follow each other in a direction."""
         width = self._width
         return lookup(jnp.asarray([1, width, -1, -width], jnp.int32), direction)
 
     def _look(self, state: GridState, places: Int[Array, " n"]) -> Int[Array, " n"]:
-        """What is in these places."""
+        """Return the codes of what is in some places."""
         table = jnp.asarray(self._grids.ravel())
         found = lookup(table, state.layout * self._grids[0].size + places)
         for thing in range(state.places.shape[0]):
@@ -180,7 +210,7 @@ class MiniGrid:
     def _handle(
         self, state: GridState, action: Int[Array, ""], ahead: Int[Array, ""], front: Int[Array, ""]
     ) -> tuple[Int[Array, " things"], Int[Array, " things"]]:
-        """Pick up, drop, toggle: where things are then, and what they show. A box keeps its content."""
+        """Pick up, drop or toggle; return the places of things and their codes. A box keeps its content."""
         load, is_ahead = _load(state), state.places == ahead
         picks = self._is(cells.PICK_UP, action) & (load == 0) & (front & PORTABLE != 0)
         drops = self._is(cells.DROP, action) & (load != 0) & (front == EMPTY)
@@ -199,7 +229,7 @@ class MiniGrid:
 
 
 def visible(opaque: Bool[Array, "size size"]) -> Bool[Array, "size size"]:
-    """Which cells of a view are seen from the middle of its lowest row, first axis the column.
+    """Return the cells of a view that are seen from the middle of its lowest row; the first axis is the column.
 
     Farama's rule, row by row upwards, see `_see_row`.
     """
@@ -228,7 +258,7 @@ def _row_table(size: int) -> Int32[np.ndarray, " entries"]:
 
 
 def _see_row(reached: Any, clear: Any, size: int) -> tuple[Any, Any]:
-    """How sight spreads from the cells of a row reached from below: those reached above, and all that are seen.
+    """Spread sight in a row from the cells reached from below; return those reached above, and all that are seen.
 
     It goes sideways until something opaque, first to the right, then to the left; from every cell that it leaves
     that way it reaches the cell above and the one above its goal. A row has a bit for each column, in NumPy's or
@@ -251,12 +281,20 @@ def _see_row(reached: Any, clear: Any, size: int) -> tuple[Any, Any]:
 
 
 def lookup(table: Shaped[Array, " n"], index: Int[Array, "*m"]) -> Shaped[Array, "*m"]:
-    """Entries of a table at indices that are surely in it."""
+    """Return entries of a table.
+
+    Args:
+        table: The table.
+        index: Indices, which must be in range.
+
+    Returns:
+        The entries.
+    """
     return table.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def _load(state: GridState) -> Int[Array, ""]:
-    """The code of what the agent carries, 0 for nothing."""
+    """Return the code of what the agent carries, 0 for nothing."""
     return jnp.sum(jnp.where(state.places == IN_HAND, state.codes, 0))
 
 

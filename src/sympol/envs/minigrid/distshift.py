@@ -24,7 +24,11 @@ Layout: TypeAlias = tuple[int, tuple[int, int]]
 
 
 def random_layouts() -> list[Layout]:
-    """All 56 layouts of the randomised task, each as likely as any other: half have the strip in row 2."""
+    """List the 56 layouts of the randomised task, each as likely as any other; half have the strip in row 2.
+
+    Returns:
+        The layouts.
+    """
     return [
         (row, (x, y))
         for row in STRIP_ROWS

@@ -24,10 +24,17 @@ assert minigrid.__version__  # importing it is what registers its environments
 
 
 class FlatView(gymnasium.Wrapper, RecordConstructorArgs):
-    """Observations as flat named features, and only some of the actions; see `View`."""
+    """A wrapper with flat named features as observations, and only some of the actions; see `View`.
+
+    Args:
+        env: An environment of Farama's.
+        view: The view.
+
+    Raises:
+        ValueError: The environment lacks one of the view's actions; some have fewer than seven.
+    """
 
     def __init__(self, env: gymnasium.Env, view: View):
-        """Wrap. Raises ValueError for an action that the environment lacks: some have fewer than seven."""
         num_actions = int(getattr(env.action_space, "n", 0))
         if max(view.actions) >= num_actions:
             raise ValueError(
@@ -47,14 +54,24 @@ class FlatView(gymnasium.Wrapper, RecordConstructorArgs):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float32[np.ndarray, " features"], dict[str, Any]]:
-        """Start an episode."""
+        """Start an episode. See `gymnasium.Env.reset`."""
         observation, info = self.env.reset(seed=seed, options=options)
         return self.view.encode(observation["image"]), info
 
     def step(
         self, action: Any
     ) -> tuple[Float32[np.ndarray, " features"], SupportsFloat, bool, bool, dict[str, Any]]:
-        """Take the action-th of the view's actions. Raises ValueError if there is none."""
+        """Take one of the view's actions.
+
+        Args:
+            action: Its position in the view.
+
+        Returns:
+            As in Gymnasium.
+
+        Raises:
+            ValueError: There is no such action.
+        """
         if not 0 <= action < len(self.view.actions):
             raise ValueError(
                 f"action must be from 0 to {len(self.view.actions) - 1} ({', '.join(self.action_names)}), "
@@ -76,7 +93,18 @@ class DistShiftRandom(DistShiftEnv):
         super().__init__(strip2_row=2, **kwargs)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start an episode. Raises ValueError for options that no layout has."""
+        """Start an episode.
+
+        Args:
+            seed: As in Gymnasium.
+            options: ``strip2_row`` or ``goal`` of the layout, or both.
+
+        Returns:
+            As in Gymnasium.
+
+        Raises:
+            ValueError: No layout has these options.
+        """
         self._pinned = options or {}
         _matching(self._pinned)
         return super().reset(seed=seed, options=options)
@@ -102,7 +130,14 @@ def _matching(pinned: Mapping[str, Any]) -> list[Layout]:
 
 
 def rows_of(env: gymnasium.Env) -> list[list[str]]:
-    """Say what is in every cell of a MiniGrid now, the agent left out, row by row from the top."""
+    """Return what is in every cell of a MiniGrid now, without the agent.
+
+    Args:
+        env: The environment.
+
+    Returns:
+        Names of objects, row by row from the top.
+    """
     world: Any = env.unwrapped
     objects = world.grid.encode()[:, :, 0].T
     return [[OBJECTS[int(number)] for number in row] for row in objects]
@@ -111,7 +146,14 @@ def rows_of(env: gymnasium.Env) -> list[list[str]]:
 def make(env_id: str, view: View, *, all_actions: bool = False, **kwargs: Any) -> gymnasium.Env:
     """Make one of Gymnasium's environments whose observation is MiniGrid's, seen through a view.
 
-    ``all_actions`` takes as many actions as the environment has, whatever the view says. ``kwargs`` are its own.
+    Args:
+        env_id: The id in Gymnasium.
+        view: The view.
+        all_actions: Whether to take all actions of the environment instead of the view's.
+        kwargs: Arguments of the environment.
+
+    Returns:
+        The environment.
     """
     # the checker would repeat its warnings for every copy
     env = gymnasium.make(env_id, disable_env_checker=True, agent_view_size=view.view_size, **kwargs)

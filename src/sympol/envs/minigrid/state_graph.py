@@ -33,7 +33,7 @@ Arrays = TypeVar("Arrays")
 
 
 class World(Protocol):
-    """What an exploration needs of `sympol.envs.minigrid.core.MiniGrid`, which offers its results as capabilities."""
+    """The parts of `sympol.envs.minigrid.core.MiniGrid` that an exploration needs."""
 
     @property
     def task(self) -> Task:
@@ -51,15 +51,15 @@ class World(Protocol):
         ...
 
     def start(self, draws: UInt32[Array, " draws"]) -> GridState:
-        """Return the start made of some random integers."""
+        """See `sympol.envs.minigrid.core.MiniGrid.start`."""
         ...
 
     def observe(self, state: GridState) -> Float[Array, " features"]:
-        """Return what the agent sees in a state."""
+        """See `sympol.envs.minigrid.core.MiniGrid.observe`."""
         ...
 
     def step(self, key: PRNGKeyArray, state: GridState, action: Int[Array, ""]) -> tuple[GridState, Step]:
-        """Advance by one action."""
+        """See `sympol.envs.env.Env.step`."""
         ...
 
 
@@ -73,7 +73,14 @@ class Exploration(NamedTuple):
 
 @lru_cache(maxsize=4)
 def state_graph(env: World) -> StateGraph | None:
-    """Return all states and transitions of a world, or None where it is too large."""
+    """List the states and transitions of a world.
+
+    Args:
+        env: The world.
+
+    Returns:
+        The graph, or None where the world is too large.
+    """
     explored = explore(env)
     if explored is None:
         return None
@@ -91,7 +98,14 @@ def state_graph(env: World) -> StateGraph | None:
 
 @lru_cache(maxsize=16)
 def all_observations(env: World) -> Float32[np.ndarray, "observations features"] | None:
-    """Return every observation on which a policy may have to act, once each, sorted; None if the world is too large."""
+    """List the observations on which a policy may have to act.
+
+    Args:
+        env: The world.
+
+    Returns:
+        Each observation once, sorted; None where the world is too large.
+    """
     explored = explore(env)
     if explored is None:
         return None
@@ -109,15 +123,27 @@ def all_observations(env: World) -> Float32[np.ndarray, "observations features"]
 
 
 def all_starts(env: World) -> GridState | None:
-    """Return every state that an episode can start from (batched), or None where they are too many to list."""
+    """List the states that an episode can start from.
+
+    Args:
+        env: The world.
+
+    Returns:
+        The states, batched; None where they are too many to list.
+    """
     draws = env.task.start_draws(MAX_STATES)
     return None if draws is None else call_in_batches(jax.jit(jax.vmap(env.start)), draws)
 
 
 def explore(env: World, start: GridState | None = None) -> Exploration | None:
-    """Find every state that can be reached from some states (batched), by default from all starts.
+    """Find every state that can be reached from some states.
 
-    Returns None where there are more than `MAX_STATES`.
+    Args:
+        env: The world.
+        start: The states to begin with, batched; by default all starts.
+
+    Returns:
+        The states and transitions, or None where there are more than `MAX_STATES`.
     """
     start = all_starts(env) if start is None else start
     if start is None:
@@ -145,17 +171,40 @@ def explore(env: World, start: GridState | None = None) -> Exploration | None:
 
 
 def observe_all(env: World, states: GridState) -> Float32[np.ndarray, "states features"]:
-    """Return the observation of each of many states."""
+    """Compute the observations of many states.
+
+    Args:
+        env: The world.
+        states: The states, batched.
+
+    Returns:
+        One observation for each.
+    """
     return call_in_batches(_observing(env), states)
 
 
 def keys(states: GridState) -> list[bytes]:
-    """Return a key for each of many states; states that differ in time only share it."""
+    """Return a key for each of many states; states that differ in time only share it.
+
+    Args:
+        states: The states, batched.
+
+    Returns:
+        The keys.
+    """
     return _as_bytes(_rows(states))
 
 
 def at(states: Arrays, rows: np.ndarray) -> Arrays:
-    """Select some of many states."""
+    """Select some of many states.
+
+    Args:
+        states: Arrays with a row for each state.
+        rows: The rows to select.
+
+    Returns:
+        The same arrays, of these rows.
+    """
     return jax.tree.map(lambda x: x[rows], states)
 
 
@@ -166,7 +215,10 @@ def _observing(env: World) -> Callable[..., Any]:
 
 @lru_cache(maxsize=16)
 def _expanding(env: World) -> Callable[..., Any]:
-    """What each action leads to from each of many states, at time 0 again: state, terminated, goal reached."""
+    """Return a function that takes every action in each of many states.
+
+    It returns the states after them, at time 0 again, whether they terminate, and whether they reach a goal.
+    """
 
     def act(state: GridState, action: jax.Array) -> Any:
         after, step = env.step(jax.random.key(0), state, action)  # which draws nothing

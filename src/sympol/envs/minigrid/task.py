@@ -1,4 +1,4 @@
-"""What a MiniGrid task is made of: its grids, where an episode starts in them, and what can be seen there."""
+"""The parts of a MiniGrid task: its grids, the starts of its episodes, and what can be seen there."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Draw = UInt32[Array, ""]
 
 
 class Start(NamedTuple):
-    """How an episode starts: x counts cells from the left, y from the top, both from 0."""
+    """The start of an episode; x counts cells from the left, y from the top, both from 0."""
 
     layout: Int[Array, ""]  # which of the task's grids
     position: Int[Array, " 2"]  # x, y of the agent
@@ -28,7 +28,7 @@ class Start(NamedTuple):
 
 
 class GridState(NamedTuple):
-    """Where everything is. A place is an index into the padded grid, row after row."""
+    """The state of an episode. A place is an index into the padded grid, row after row."""
 
     layout: Int[Array, ""]
     position: Int[Array, ""]
@@ -40,7 +40,7 @@ class GridState(NamedTuple):
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """A family of grids. Frozen and hashable; whatever takes time is computed when it is first asked for."""
+    """A family of grids. It is frozen and hashable; what takes time is computed on first use."""
 
     planes: ClassVar[tuple[int, ...]]
     """The planes observed by default: those of the objects that occur."""
@@ -57,20 +57,35 @@ class Task(ABC):
     @property
     @abstractmethod
     def max_steps(self) -> int:
-        """Where an episode is cut off."""
+        """The number of steps after which an episode is truncated."""
 
     @abstractmethod
     def grids(self) -> Int32[np.ndarray, "layouts height width"]:
-        """The cells as they are where no thing is."""
+        """Return the cells of each layout, without the things.
+
+        Returns:
+            Codes of cells.
+        """
 
     @abstractmethod
     def start(self, draws: UInt32[Array, " num_draws"]) -> Start:
-        """Make a start out of random integers, distributed as Farama's."""
+        """Make a start of random integers, distributed as Farama's.
+
+        Args:
+            draws: The integers.
+
+        Returns:
+            The start.
+        """
 
     def start_draws(self, at_most: int) -> UInt32[np.ndarray, "starts num_draws"] | None:
-        """Random integers for every start there is, one row each, or None where there are more than ``at_most``.
+        """List the random integers of every start. Each is as likely as others that follow the same integers in a row.
 
-        Each integer is as likely as the others that come after the same ones before it.
+        Args:
+            at_most: The most starts to list.
+
+        Returns:
+            One row for each start, or None where there are more.
         """
         return None
 
@@ -83,32 +98,51 @@ class TableTask(Task):
 
     @abstractmethod
     def starts(self) -> Sequence[tuple[int, int, int, int]]:
-        """Layout, x, y and direction of every start."""
+        """List the starts.
+
+        Returns:
+            Layout, x, y and direction of each.
+        """
 
     @cached_property
     def _table(self) -> Int32[np.ndarray, "starts 4"]:
         return np.array(self.starts(), np.int32)
 
     def start(self, draws: UInt32[Array, " 1"]) -> Start:
-        """One index, one row."""
+        """Return the start of an index. See `Task.start`."""
         row = jnp.asarray(self._table)[choice(draws[0], len(self._table))]
         return Start(row[0], row[1:3], row[3], jnp.zeros((0, 3), jnp.int32))
 
     def start_draws(self, at_most: int) -> UInt32[np.ndarray, "starts 1"] | None:
-        """Every index."""
+        """List every index. See `Task.start_draws`."""
         num = len(self._table)
         return None if num > at_most else np.arange(num, dtype=np.uint32)[:, None]
 
 
 def choice(draw: Draw, num: int) -> Int[Array, ""]:
-    """One of ``num`` numbers from 0. The first ones are likelier, by less than num / 2³²."""
+    """Choose one of several numbers; the first are likelier, by less than num / 2³².
+
+    Args:
+        draw: A random integer.
+        num: How many numbers there are.
+
+    Returns:
+        A number from 0 to num - 1.
+    """
     return choices(draw, num)[0]
 
 
 def choices(draw: Draw, *nums: int | Int[Array, ""]) -> list[Int[Array, ""]]:
-    """One out of each of several numbers from 0, out of one random integer: drawing another costs more.
+    """Choose several numbers by one random integer, because drawing another costs more.
 
-    All combinations are equally likely, but for less than their number / 2³².
+    All combinations are equally likely, up to their number / 2³².
+
+    Args:
+        draw: A random integer.
+        nums: How many numbers there are for each choice.
+
+    Returns:
+        A number from 0 for each choice.
     """
     found = []
     for num in nums:
@@ -119,12 +153,28 @@ def choices(draw: Draw, *nums: int | Int[Array, ""]) -> list[Int[Array, ""]]:
 
 
 def besides(taken: Int[Array, ""], choice: Int[Array, ""]) -> Int[Array, ""]:
-    """Turn a choice of one number fewer into one among all but the one taken."""
+    """Turn a choice of one number fewer into one among all but a number.
+
+    Args:
+        taken: The number that is excluded.
+        choice: A choice among one number fewer.
+
+    Returns:
+        The number.
+    """
     return choice + (choice >= taken).astype(jnp.int32)
 
 
 def room(width: int, height: int) -> Int32[np.ndarray, "height width"]:
-    """An empty room within walls."""
+    """Return an empty room within walls.
+
+    Args:
+        width: Cells from left to right, with the walls.
+        height: Cells from top to bottom, with the walls.
+
+    Returns:
+        Codes of cells.
+    """
     grid = np.full((height, width), EMPTY, np.int32)
     grid[[0, -1], :] = WALL
     grid[:, [0, -1]] = WALL

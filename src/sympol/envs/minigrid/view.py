@@ -1,4 +1,4 @@
-"""What an agent in a MiniGrid sees, as flat named features; NumPy only."""
+"""The view of an agent in a MiniGrid, as flat named features; NumPy only."""
 
 from __future__ import annotations
 
@@ -15,11 +15,18 @@ from ...trees.groups import Group
 from .cells import ACTIONS, ANYTHING, CARRIED, EMPTY, KINDS, PLANES
 
 MAX_VIEW_SIZE = 31
-"""A row of the view is kept in the bits of one int32 while what can be seen is worked out."""
+"""A row of the view is kept in the bits of one int32 while what can be seen is computed."""
 
 
 class Place(NamedTuple):
-    """A cell of the view: its name, and where it is from the upper left; ``is_here`` for the agent's own."""
+    """A cell of the view.
+
+    Attributes:
+        name: Its name.
+        row: Its row, from the top.
+        column: Its column, from the left.
+        is_here: Whether it is the agent's own.
+    """
 
     name: str
     row: int
@@ -86,7 +93,7 @@ class View:
 
     @cached_property
     def feature_names(self) -> tuple[str, ...]:
-        """Such as ``front is lava``, ``2 ahead, 1 left is wall``, ``front state is locked``."""
+        """Names such as ``front is lava``, ``2 ahead, 1 left is wall``, ``front state is locked``."""
         return tuple(
             f"{_subject(place.name, _kind(plane))} is {PLANES[plane]}"
             for place in self.places
@@ -95,7 +102,7 @@ class View:
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Such as ``turn left``."""
+        """Names such as ``turn left``."""
         return tuple(ACTIONS[action] for action in self.actions)
 
     @cached_property
@@ -116,14 +123,21 @@ class View:
     def encode(
         self, image: UInt8[np.ndarray, "*batch view view 3"]
     ) -> Float32[np.ndarray, "*batch features"]:
-        """Turn Farama's image of the view into an observation."""
+        """Turn Farama's image of the view into an observation.
+
+        Args:
+            image: Object, colour and state of each cell, or a batch of images.
+
+        Returns:
+            The observation, or a batch of them.
+        """
         channels, values = self._questions
         shown = image[..., channels] == values
         return shown.reshape(*image.shape[:-3], -1).astype(np.float32)
 
     @cached_property
     def _questions(self) -> tuple[np.ndarray, np.ndarray]:
-        """For each plane, which channel of the image it asks for, and for which value."""
+        """The channel of the image that each plane asks for, and the value."""
         kinds = [_kind(plane) for plane in self.planes]
         channels = [list(KINDS).index(kind) for kind in kinds]
         values = [plane - KINDS[kind].start for plane, kind in zip(self.planes, kinds, strict=True)]
