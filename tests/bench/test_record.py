@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from sympol.bench.methods import same_config
 from sympol.bench.record import Cell, Record, RecordError, load, load_all, to_json
 
 from .synthetic import record
@@ -72,8 +73,8 @@ def test_a_file_in_the_wrong_place_is_found(tmp_path):
 def test_partial_cells_and_stale_ones():
     partial = record(CELL, trainings=2)
     assert partial.missing(range(5)) == (2, 3, 4)
-    assert partial.is_current({"depth": 7, "max_grad_norm": math.inf, "critic_hidden": (64, 64)})
-    assert not partial.is_current({"depth": 6, "max_grad_norm": math.inf, "critic_hidden": (64, 64)})
+    assert same_config(partial.config, {"depth": 7, "max_grad_norm": math.inf, "critic_hidden": (64, 64)})
+    assert not same_config(partial.config, {"depth": 6, "max_grad_norm": math.inf, "critic_hidden": (64, 64)})
 
 
 @pytest.mark.parametrize(

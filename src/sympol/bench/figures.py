@@ -46,7 +46,17 @@ def figures(table: Table, records: Mapping[Cell, Record]) -> dict[str, Figure]:
 def write_figures(
     table: Table, records: Mapping[Cell, Record], folder: Path, suffix: str = ".svg"
 ) -> list[Path]:
-    """Write all plots as ``<table>-<figure>.svg`` and return their paths."""
+    """Write all plots of a table for which there are records.
+
+    Args:
+        table: The table.
+        records: The records by cell.
+        folder: The folder, created if it is missing.
+        suffix: ``.svg``, ``.png`` or ``.pdf``.
+
+    Returns:
+        The paths ``<table>-<figure><suffix>``.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     return [
         save(figure, folder / f"{table.name}-{name}{suffix}")

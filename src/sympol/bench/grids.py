@@ -29,7 +29,12 @@ IMPOSSIBLE = "—"
 
 
 def grids(table: Table, records: Mapping[Cell, Record]) -> list[Grid]:
-    """Return the grids of a table, filled from records."""
+    """Return the grids of a table, filled from records.
+
+    Args:
+        table: The table.
+        records: The records by cell; cells without one are shown as not run.
+    """
     summaries = summarise(table, records)
     match table.kind:
         case "returns":

@@ -143,7 +143,15 @@ def agent_for(cell: Cell, seed: int, total_timesteps: int) -> Agent:
 
 
 def config_of(cell: Cell, settings: Settings) -> dict[str, Any]:
-    """Return everything that decides a cell's numbers, except for its seeds: `Record.config`."""
+    """Return everything that decides a cell's numbers, except for its seeds: `Record.config`.
+
+    Args:
+        cell: The cell.
+        settings: Lengths of trainings and numbers of episodes.
+
+    Raises:
+        ValueError: The method or variant is unknown, or they do not fit each other.
+    """
     config: dict[str, Any] = {"episodes": settings.episodes}
     if (where := registered(cell.method)) is not None:
         if cell.variant:
@@ -169,7 +177,12 @@ def distill_options(name: str) -> dict[str, Any]:
 
 
 def same_config(was: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
-    """Return whether two configs are equal. Fields that an older version did not have count as their defaults."""
+    """Return whether two configs are equal. Fields that an older version did not have count as their defaults.
+
+    Args:
+        was: The config of a record.
+        now: The config of today.
+    """
     return _filled(was) == _filled(now)
 
 

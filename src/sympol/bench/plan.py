@@ -245,7 +245,13 @@ def plan_cell(
 
 
 def changes(was: Mapping[str, Any], now: Mapping[str, Any], name: str = "") -> list[str]:
-    """Return the differences between two configs, each as ``name 1 → 2``."""
+    """Return the differences between two configs, each as ``name 1 → 2``.
+
+    Args:
+        was: The config of a record.
+        now: The config of today.
+        name: The name of the part that is compared, with a dot at its end.
+    """
     if isinstance(was, Mapping) and isinstance(now, Mapping):
         found = []
         for key in dict.fromkeys([*was, *now]):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -71,7 +71,7 @@ class Record:
     seconds: tuple[float, ...] | None = None
     """Seconds that each training took, without compiling; ``extra["load"]`` is the load of the machine."""
     config: dict[str, Any] = field(default_factory=dict)
-    """Everything that decides the numbers but the seeds. With another config the record is stale (`is_current`)."""
+    """Everything that decides the numbers but the seeds. With another config the record is stale (`same_config`)."""
     versions: dict[str, Any] = field(default_factory=dict)
     commit: str = ""
     date: str = ""
@@ -100,10 +100,6 @@ class Record:
     def missing(self, seeds: Iterable[int]) -> tuple[int, ...]:
         """Return the ``seeds`` that the record lacks."""
         return tuple(seed for seed in seeds if seed not in self.seeds)
-
-    def is_current(self, config: Mapping[str, Any]) -> bool:
-        """Return whether the record was made with this config."""
-        return self.config == plain(config)
 
     def path(self, root: Path) -> Path:
         """Return the record's path below ``root``, the repository or another folder that holds ``results/``."""

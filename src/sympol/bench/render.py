@@ -25,7 +25,19 @@ UNITS = (
 
 
 def write(table: Table, records: Iterable[Record], out_dir: Path) -> list[Path]:
-    """Write ``<name>.md``, ``.tex``, ``.csv`` and the plots, and return their paths."""
+    """Write ``<name>.md``, ``.tex``, ``.csv`` and the plots of a table.
+
+    Args:
+        table: The table.
+        records: Records, which may be of other tables, too.
+        out_dir: The folder, created if it is missing.
+
+    Returns:
+        The paths of all files.
+
+    Raises:
+        RecordError: Two records are of one cell.
+    """
     from .figures import write_figures  # matplotlib is slow to import
 
     found = by_cell(records)
@@ -44,7 +56,16 @@ def write(table: Table, records: Iterable[Record], out_dir: Path) -> list[Path]:
 def write_docs(
     records: Iterable[Record], docs_dir: Path, tables: Iterable[Table] = tuple(TABLES.values())
 ) -> list[Path]:
-    """Write ``tables.md`` with all tables one after another, and the plots to ``images/tables``."""
+    """Write ``tables.md`` with all tables one after another, and the plots to ``images/tables``.
+
+    Args:
+        records: All records.
+        docs_dir: The folder of the documentation.
+        tables: The tables.
+
+    Returns:
+        The paths of all files, the page first.
+    """
     from .figures import write_figures
 
     found, tables = by_cell(records), [*tables]
@@ -70,7 +91,13 @@ def write_docs(
 
 
 def section(table: Table, records: Mapping[Cell, Record], images: Iterable[str] = ()) -> str:
-    """Return a table in Markdown: its grids and plots, their provenance, and the cells that were not run."""
+    """Return a table in Markdown: its grids and plots, their provenance, and the cells that were not run.
+
+    Args:
+        table: The table.
+        records: The records by cell.
+        images: Paths of its plots, relative to the page.
+    """
     parts = [markdown(grid) for grid in grids(table, records)]
     parts += [
         f"![{table.title}: {Path(image).stem.removeprefix(table.name + '-')}]({image})" for image in images

@@ -119,7 +119,15 @@ def run(
 
 
 def waves(jobs: Sequence[list[Unit]], workers: int = 1) -> list[list[list[Unit]]]:
-    """Order jobs in two waves: trainings, missing teachers included, and then the trees made from them."""
+    """Order jobs in two waves: trainings, missing teachers included, and then the trees made from them.
+
+    Args:
+        jobs: The jobs.
+        workers: The number of workers, see `interleaved`.
+
+    Returns:
+        The waves that have jobs.
+    """
     derived = [job for job in jobs if job[0].teacher is not None]
     trained = [job for job in jobs if job[0].teacher is None]
     there = {unit for job in trained for unit in job}

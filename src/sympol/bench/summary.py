@@ -77,7 +77,12 @@ def by_cell(records: Iterable[Record]) -> dict[Cell, Record]:
 
 
 def summarise(table: Table, records: Mapping[Cell, Record]) -> dict[Cell, CellSummary]:
-    """Return the numbers of all cells of a table that were run."""
+    """Return the numbers of all cells of a table that were run.
+
+    Args:
+        table: The table, which says what is compared.
+        records: The records by cell.
+    """
     run = {cell: records[cell] for cell in table.cells() if cell in records}
     best, permuted, first = {}, {}, {}
     for family in _families(table, run).values():

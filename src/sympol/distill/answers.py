@@ -16,13 +16,21 @@ Batch = Float32[np.ndarray, "batch features"]
 
 
 def checked_actions(answer: ArrayLike, x: Batch, space: gymnasium.Space) -> np.ndarray:
-    """Return a teacher's actions for the observations x as the environment takes them, ``[batch, *space.shape]``.
+    """Check a teacher's actions and convert them to those that the environment takes.
 
     Continuous actions are clipped to the bounds, as a tree's and stable-baselines3's are: beyond them the
     environment would do the same, and a regression would learn a difference that there is not.
 
+    Args:
+        answer: What the teacher returned.
+        x: The observations that it was asked about.
+        space: The action space.
+
+    Returns:
+        The actions ``[batch, *space.shape]``.
+
     Raises:
-        ValueError: a shape, a kind of number or a category that does not fit, or what is not finite.
+        ValueError: A shape, a kind of number or a category does not fit, or a number is not finite.
     """
     shape = (len(x), *(space.shape or ()))
     actions = _numbers(answer, shape, x, "an action", f"the action space is {space}")
@@ -46,10 +54,18 @@ def checked_actions(answer: ArrayLike, x: Batch, space: gymnasium.Space) -> np.n
 
 
 def checked_values(answer: ArrayLike, x: Batch, n_values: int) -> Float[np.ndarray, "batch values"]:
-    """Return a teacher's action values as float64.
+    """Check a teacher's action values.
+
+    Args:
+        answer: What the teacher returned.
+        x: The observations that it was asked about.
+        n_values: The number of values for each.
+
+    Returns:
+        The values as float64.
 
     Raises:
-        ValueError: another shape, or what is not finite.
+        ValueError: The shape is another, or a number is not finite.
     """
     rule = f"there are {n_values} actions (options of all components), and each has one value"
     return _numbers(answer, (len(x), n_values), x, "action values", rule).astype(np.float64)
@@ -83,9 +99,17 @@ def _first(answer: Any) -> str:
 
 
 def check_spaces(spec: Any, observation_space: Any, action_space: Any) -> None:
-    """Raise ValueError, naming both, unless a teacher's spaces are those of the environment it is to act in.
+    """Check that a teacher's spaces are those of the environment it is to act in.
 
     Observations must agree in shape; actions in their number, or in shape and bounds.
+
+    Args:
+        spec: The environment.
+        observation_space: The teacher's observation space.
+        action_space: The teacher's action space.
+
+    Raises:
+        ValueError: They do not agree; the message names both.
     """
     pairs = (
         ("observation", observation_space, spec.observation_space, False),

@@ -73,10 +73,17 @@ def _units(x: Float32[np.ndarray, "samples features"]) -> Float32[np.ndarray, " 
 
 
 def from_sklearn(estimator: DecisionTreeClassifier | DecisionTreeRegressor, spec: EnvSpec) -> DecisionTree:
-    """Make our tree of a fitted one of scikit-learn's for an environment: see `sympol.trees.from_sklearn`.
+    """Convert a fitted tree of scikit-learn's for an environment; see `sympol.trees.from_sklearn`.
+
+    Args:
+        estimator: The fitted tree.
+        spec: The environment.
+
+    Returns:
+        The tree.
 
     Raises:
-        ValueError: features, outputs or classes that are not the environment's.
+        ValueError: Features, outputs or classes are not the environment's.
     """
     n_features = len(spec.features.names)
     if estimator.tree_.n_features != n_features:

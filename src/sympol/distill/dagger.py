@@ -60,7 +60,16 @@ def dagger(
 
 
 def draw_uniformly(collected: Demonstrations, at_most: int, rng: np.random.Generator) -> Demonstrations:
-    """Return all demonstrations, or at most ``at_most`` of them without repetition."""
+    """Draw demonstrations without repetition.
+
+    Args:
+        collected: All demonstrations.
+        at_most: The most to draw.
+        rng: The source of randomness.
+
+    Returns:
+        All of them, or ``at_most`` if there are more.
+    """
     if collected.size <= at_most:
         return collected
     return collected.rows(rng.choice(collected.size, at_most, replace=False))

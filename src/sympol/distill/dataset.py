@@ -18,18 +18,18 @@ DEPTH = 5
 
 
 class Demonstrations(NamedTuple):
-    """Observations with the teacher's actions in them."""
+    """Observations with the teacher's actions in them, and what a wrong action may cost."""
 
     observations: Float32[np.ndarray, "samples features"]
     """Flat observations, whichever policy visited them."""
     actions: np.ndarray
-    """As the environment takes them, ``[samples, *shape]``."""
+    """The teacher's actions as the environment takes them, ``[samples, *shape]``."""
     losses: Float64[np.ndarray, " samples"] | None = None
     """The possible cost of a wrong action in each observation, if it is needed."""
 
     @property
     def size(self) -> int:
-        """Number of observations."""
+        """The number of observations."""
         return len(self.observations)
 
     def joined(self, more: Demonstrations) -> Demonstrations:
@@ -89,29 +89,57 @@ def demonstrations(teacher: Teacher, num_episodes: int = 25, seed: int = 0) -> D
 def labelled(
     teacher: Teacher, x: Float32[np.ndarray, "samples features"], losses: Losses | None = None
 ) -> Demonstrations:
-    """Label observations with the teacher's actions, whichever policy visited them."""
+    """Label observations with the teacher's actions.
+
+    Args:
+        teacher: The teacher.
+        x: Flat observations, whichever policy visited them.
+        losses: A function that computes losses, if they are needed.
+
+    Returns:
+        The demonstrations.
+    """
     return Demonstrations(x, teacher.act(x), None if losses is None else losses(x))
 
 
 def require_positive(**numbers: int) -> None:
-    """Raise ValueError, by its name, for a number below one or not whole."""
+    """Check that numbers are whole and at least one.
+
+    Args:
+        numbers: The numbers by name.
+
+    Raises:
+        ValueError: A number breaks the rule; the message names it.
+    """
     for name, number in numbers.items():
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
             raise ValueError(f"{name} must be a whole number of at least 1, got {number!r}")
 
 
 class Limits(NamedTuple):
-    """Limits of a tree's size: most comparisons before an answer, most nodes; None is no limit."""
+    """Limits of a tree's size; None is no limit.
+
+    Attributes:
+        depth: The most comparisons before an answer.
+        max_nodes: The most nodes.
+    """
 
     depth: int | None
     max_nodes: int | None
 
     @staticmethod
     def of(depth: int | None, max_nodes: int | None) -> Limits:
-        """Return the limits that a user set; a depth of `DEPTH` by default.
+        """Return the limits that a user set.
+
+        Args:
+            depth: The most comparisons; by default `DEPTH`, or any number where ``max_nodes`` is given.
+            max_nodes: The most nodes, if they are limited.
+
+        Returns:
+            The limits.
 
         Raises:
-            ValueError: a depth below one, or a number of nodes that no tree with a question has.
+            ValueError: The depth is below one, or no tree with a comparison has so few nodes.
         """
         if depth is not None:
             require_positive(depth=depth)
@@ -126,6 +154,13 @@ class Limits(NamedTuple):
 
 
 def require_seed(seed: int) -> None:
-    """Raise ValueError for what scikit-learn and NumPy do not take as a seed."""
+    """Check that scikit-learn and NumPy take a seed.
+
+    Args:
+        seed: The seed.
+
+    Raises:
+        ValueError: It is no whole number from 0 to 2^32 - 1.
+    """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**32:
         raise ValueError(f"seed must be a whole number from 0 to 2^32 - 1, got {seed!r}")

@@ -27,15 +27,19 @@ FINALISTS = 5
 
 
 class Iteration(NamedTuple):
-    """The argument of ``progress`` after each tree."""
+    """The argument of ``progress`` after each tree.
+
+    Attributes:
+        iteration: The number of the iteration, from one.
+        num_iterations: The number of iterations.
+        num_samples: The number of demonstrations so far, of all iterations.
+        mean_return: The mean return of this tree over the episodes that it plays next.
+    """
 
     iteration: int
-    """Counted from one."""
     num_iterations: int
     num_samples: int
-    """Demonstrations so far, of all iterations."""
     mean_return: float
-    """Of this tree, over the episodes that it plays next."""
     best_return: float
     """The highest of these so far."""
 
@@ -45,7 +49,17 @@ Progress: TypeAlias = Callable[[Iteration], object]
 
 @dataclass(frozen=True)
 class Schedule:
-    """The length of the learning, and the amount of data. Raises ValueError for a number below one."""
+    """The length of the learning, and the amount of data.
+
+    Attributes:
+        num_iterations: The number of iterations.
+        episodes_per_iteration: The number of episodes played in each.
+        max_samples: The most demonstrations that a tree is fitted on.
+        num_validation_episodes: The number of episodes that choose among the best trees.
+
+    Raises:
+        ValueError: A number is below one.
+    """
 
     num_iterations: int
     episodes_per_iteration: int
@@ -58,7 +72,12 @@ class Schedule:
 
 
 class Candidate(NamedTuple):
-    """A tree, and its mean return over episodes that it was not fitted on."""
+    """A tree, and its mean return over episodes that it was not fitted on.
+
+    Attributes:
+        mean_return: The mean return.
+        tree: The tree.
+    """
 
     mean_return: float
     tree: DecisionTree
@@ -103,14 +122,30 @@ def imitate(
 
 
 def on_gymnasium(teacher: Teacher) -> Play:
-    """Return the environment in which the teacher acts."""
+    """Return a function that plays episodes in the environment in which a teacher acts.
+
+    Args:
+        teacher: The teacher.
+
+    Returns:
+        A function from a tree, a number of episodes, a seed and a purpose to their results.
+    """
     return lambda tree, number, seed, purpose: play(tree, teacher.spec, number, seed=seed, purpose=purpose)
 
 
 def best_of(candidates: Sequence[Candidate], play_tree: Play, num_episodes: int, seed: int) -> DecisionTree:
-    """The finalist with the highest mean return over validation episodes, the same ones for all.
+    """Return the finalist with the highest mean return over validation episodes, the same ones for all.
 
-    Between equals the later one wins: it has seen more.
+    Of equal ones the later wins, because it was fitted on more data.
+
+    Args:
+        candidates: The trees, in the order in which they were fitted.
+        play_tree: The function that plays.
+        num_episodes: The number of validation episodes.
+        seed: Their seed.
+
+    Returns:
+        The tree.
     """
     later_first = candidates[::-1]
     finalists = sorted(later_first, key=lambda candidate: -candidate.mean_return)[:FINALISTS]
@@ -121,5 +156,13 @@ def best_of(candidates: Sequence[Candidate], play_tree: Play, num_episodes: int,
 
 
 def iteration_seed(seed: int, iteration: int) -> int:
-    """Other episodes in each iteration than in all others, and than the teacher's, which have the seed itself."""
+    """Return the seed of the episodes of an iteration, another than in all others and than the teacher's own.
+
+    Args:
+        seed: The seed of the distillation, with which the teacher plays.
+        iteration: The number of the iteration.
+
+    Returns:
+        The seed.
+    """
     return SeedStream(seed, iteration).seed()

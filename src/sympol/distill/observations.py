@@ -11,10 +11,17 @@ from jaxtyping import Float32
 
 
 def unflatten(space: Space, x: Float32[np.ndarray, "*batch features"]) -> Any:
-    """Undo `Features.flatten`: one observation for ``[features]``, and for ``[batch, features]`` a batch of them.
+    """Undo `Features.flatten`.
 
-    A batch has its leading axis on every array inside, as in Gymnasium's vector environments. Every array has its
-    space's own dtype; what float32 rounded off stays lost.
+    Every array has its space's own dtype; digits that float32 rounded off stay lost.
+
+    Args:
+        space: The observation space.
+        x: Features ``[features]``, or a batch ``[batch, features]``.
+
+    Returns:
+        An observation, or a batch of them, which has its leading axis on every array inside, as in Gymnasium's vector
+        environments.
     """
     return _parts(space, x, 0)[0]
 

@@ -32,13 +32,21 @@ _GAP = 0.5  # between two trees
 
 
 def plot_soft_tree(view: SoftView, path: str | PathLike[str] | None = None, *, digits: int = 3) -> Figure:
-    """Draw a soft tree, and save it if a path is given; below it stands how to read it.
+    """Draw a soft tree, with an explanation below, and save it if a path is given.
 
     A node lists its features by weight, each with a bar from 0 to 1, and compares their sum with its threshold; the
-    features are scaled. A leaf is what it would choose by itself. Numbers have ``digits`` significant digits.
+    features are scaled. A leaf shows what it would choose by itself.
+
+    Args:
+        view: The soft tree.
+        path: The file to write.
+        digits: The number of significant digits.
+
+    Returns:
+        The figure.
 
     Raises:
-        ValueError: if the path ends neither in .svg, .pdf nor .png, or the tree is too deep to look at.
+        ValueError: The path ends neither in .svg, .pdf nor .png, or the tree is too deep to look at.
     """
     layout, boxes, skeleton, style = _arranged(view, path, digits)
     reading = _reading(view, max(layout.extent[0], 6.0))
@@ -50,8 +58,17 @@ def plot_beside(
 ) -> Figure:
     """Draw a soft tree and, on its right, a hard one of the same environment.
 
+    Args:
+        view: The soft tree.
+        tree: The hard tree.
+        path: The file to write.
+        digits: The number of significant digits.
+
+    Returns:
+        The figure.
+
     Raises:
-        ValueError: as `plot_soft_tree` does.
+        ValueError: The path ends neither in .svg, .pdf nor .png, or a tree is too deep to look at.
     """
     layout, boxes, skeleton, style = _arranged(view, path, digits)
     hard, hard_boxes = arrange(tree, digits)

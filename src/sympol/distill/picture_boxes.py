@@ -23,20 +23,30 @@ _STRIP = 0.09  # inches high
 
 @dataclass(frozen=True)
 class SumBox:
-    """A node: its features by weight, each on a bar that would fill the box at 1, and the threshold of their sum."""
+    """The box of a node: its features by weight, each with a bar that would fill the box at 1, and its threshold.
+
+    Attributes:
+        terms: The features.
+        threshold: The threshold of their sum.
+    """
 
     terms: tuple[Term, ...]
     threshold: str
     width: float
-    """The same in all nodes, so that bars can be compared."""
+    """The width, equal in all nodes, so that bars can be compared."""
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height."""
+        """The width and height."""
         return self.width, (len(self.terms) + 1) * ROW + PAD
 
     def draw(self, pen: Pen, centre: Float[np.ndarray, " 2"]) -> None:
-        """Draw it around a place."""
+        """Draw it.
+
+        Args:
+            pen: What to draw with.
+            centre: The centre of the box.
+        """
         from matplotlib.patches import Rectangle
 
         width, height = self.size
@@ -60,7 +70,13 @@ class SumBox:
 
 @dataclass(frozen=True)
 class ChanceBox:
-    """A leaf: its likeliest choice in words, a strip for each component divided by probability, and its share."""
+    """The box of a leaf: its likeliest choice, a strip for each component divided by probability, and its share.
+
+    Attributes:
+        rows: The likeliest choices as text.
+        chances: The probabilities of each component.
+        share: The share as text.
+    """
 
     rows: tuple[str, ...]
     chances: tuple[tuple[float, ...], ...]
@@ -68,13 +84,18 @@ class ChanceBox:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height."""
+        """The width and height."""
         rows = len(self.rows) + bool(self.share)
         height = rows * ROW + len(self.chances) * _STRIP + 1.5 * PAD
         return max(map(text_width, [*self.rows, self.share])) + 2 * PAD, height
 
     def draw(self, pen: Pen, centre: Float[np.ndarray, " 2"]) -> None:
-        """Draw it around a place."""
+        """Draw it.
+
+        Args:
+            pen: What to draw with.
+            centre: The centre of the box.
+        """
         from matplotlib.patches import Rectangle
 
         width, height = self.size
@@ -98,7 +119,17 @@ class ChanceBox:
 
 
 def boxes_of(view: SoftView, skeleton: DecisionTree, digits: int, *, downward: bool) -> list[Drawable]:
-    """Word and colour every node, breadth-first; a leaf's share goes where there is room: below, or behind."""
+    """Return the boxes of all nodes, breadth-first.
+
+    Args:
+        view: The soft tree.
+        skeleton: A hard tree of the same form.
+        digits: The number of significant digits.
+        downward: Whether the tree grows downward; a leaf's share is then below it, else behind.
+
+    Returns:
+        The boxes.
+    """
     n_inner = len(view.thresholds)
     terms = [tuple(view.terms(node)) for node in range(n_inner)]
     sums = [f"Σ ≤ {threshold:.{digits}g}" for threshold in view.thresholds]
@@ -123,7 +154,16 @@ def boxes_of(view: SoftView, skeleton: DecisionTree, digits: int, *, downward: b
 
 
 def leaf_rows(view: SoftView, leaf: int, digits: int) -> tuple[str, ...]:
-    """The likeliest option of each component with its probability, or each component's mean: a row each."""
+    """Return the likeliest option of each component with its probability, or each component's mean.
+
+    Args:
+        view: The soft tree.
+        leaf: The number of the leaf.
+        digits: The number of significant digits.
+
+    Returns:
+        A row for each component.
+    """
     values, actions = view.leaf_values[leaf : leaf + 1], view.actions
     words = actions.words(actions.decide(values)[0], digits)
     if isinstance(actions, BoxActions):
@@ -133,7 +173,15 @@ def leaf_rows(view: SoftView, leaf: int, digits: int) -> tuple[str, ...]:
 
 
 def chances_of(view: SoftView, leaf: int) -> tuple[tuple[float, ...], ...]:
-    """The probability of each option of each component."""
+    """Return the probability of each option of each component.
+
+    Args:
+        view: The soft tree.
+        leaf: The number of the leaf.
+
+    Returns:
+        A tuple for each component.
+    """
     values, actions = view.leaf_values[leaf : leaf + 1], view.actions
     found = actions.probabilities(values)
     parts = found if isinstance(found, tuple) else (found,)
@@ -141,5 +189,12 @@ def chances_of(view: SoftView, leaf: int) -> tuple[tuple[float, ...], ...]:
 
 
 def weight_words(weight: float) -> str:
-    """Two digits are what a bar shows."""
+    """Format a weight with two digits, which is the precision of a bar.
+
+    Args:
+        weight: The weight.
+
+    Returns:
+        The text.
+    """
     return f"{weight:.2f}" if weight >= 0.005 else "<0.01"

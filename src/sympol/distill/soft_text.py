@@ -12,10 +12,16 @@ _MOST_OPTIONS = 3
 
 
 def soft_text(view: SoftView, *, digits: int = 3) -> str:
-    """Write a soft tree as a listing: what it adds up and compares, and what each leaf would choose by itself.
+    """Write a soft tree as a listing of its sums and comparisons, and of what each leaf would choose by itself.
 
-    A node's features are scaled; how, stands above the listing. Numbers have ``digits`` significant digits. The text
-    has no line break at its end.
+    The features of a node are scaled, as described above the listing.
+
+    Args:
+        view: The soft tree.
+        digits: The number of significant digits.
+
+    Returns:
+        The text, without a line break at its end.
     """
     n_inner = len(view.thresholds)
     lines: list[tuple[str, str]] = []
@@ -35,7 +41,14 @@ def soft_text(view: SoftView, *, digits: int = 3) -> str:
 
 
 def legend(view: SoftView) -> list[str]:
-    """Explain to readers how gates work, what leaves do, and how features are scaled."""
+    """Explain how gates work, what leaves do, and how features are scaled.
+
+    Args:
+        view: The soft tree.
+
+    Returns:
+        The lines of the explanation.
+    """
     return [
         "Every way is taken, each with a weight: yes and no count alike where a node's sum equals its threshold, and "
         f"from {view.reach:.3g} beyond it only one of them.",
@@ -45,7 +58,16 @@ def legend(view: SoftView) -> list[str]:
 
 
 def node_words(view: SoftView, node: int, digits: int = 3) -> str:
-    """``0.62·pole angle + 0.38·pole velocity ≤ 0.031``, on scaled features."""
+    """Write the comparison of a node, such as ``0.62·pole angle + 0.38·pole velocity ≤ 0.031``, on scaled features.
+
+    Args:
+        view: The soft tree.
+        node: The number of the node.
+        digits: The number of significant digits.
+
+    Returns:
+        The text.
+    """
     terms = [
         term.name if term.weight == 1 else f"{term.weight:.{digits}g}·{term.name}"
         for term in view.terms(node)
@@ -54,7 +76,16 @@ def node_words(view: SoftView, node: int, digits: int = 3) -> str:
 
 
 def leaf_words(view: SoftView, leaf: int, digits: int = 3) -> str:
-    """The likeliest options and their probabilities, component by component; or the mean."""
+    """Write the likeliest options of a leaf with their probabilities, component by component; or its mean.
+
+    Args:
+        view: The soft tree.
+        leaf: The number of the leaf.
+        digits: The number of significant digits.
+
+    Returns:
+        The text.
+    """
     values, actions = view.leaf_values[leaf : leaf + 1], view.actions
     if isinstance(actions, BoxActions):
         return ", ".join(actions.words(actions.decide(values)[0], digits))

@@ -19,7 +19,12 @@ MOST_TERMS = 5
 
 
 class Term(NamedTuple):
-    """A feature, or several that are added up, and the weight that a node gives it."""
+    """A feature, or several that are added up, and its weight in a node.
+
+    Attributes:
+        name: The name.
+        weight: The weight.
+    """
 
     name: str
     weight: float
@@ -27,10 +32,17 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SoftView:
-    """A soft tree of N = 2^D − 1 nodes, breadth-first, and what its numbers mean.
+    """A soft tree of N = 2^D − 1 nodes, breadth-first, with the meaning of its numbers.
 
-    The nodes see ``(x − shift) · scale``. ``shares [leaves]`` says how much of the weight of some observations came to
-    each leaf, if that is known.
+    The nodes see ``(x − shift) · scale``.
+
+    Attributes:
+        actor: The soft tree.
+        shift: The shift of each feature.
+        scale: The scale of each feature.
+        actions: The meaning of the outputs.
+        feature_names: The names of the features.
+        shares: The part of the weight of some observations that reaches each leaf, if that is known.
     """
 
     actor: SoftTree
@@ -54,7 +66,7 @@ class SoftView:
 
     @property
     def leaf_values(self) -> Float[np.ndarray, "leaves outputs"]:
-        """Logits, or means."""
+        """The logits or means of each leaf."""
         return np.asarray(self.actor.leaf_values)
 
     @property
@@ -63,7 +75,14 @@ class SoftView:
         return 2 * self.actor.temperature
 
     def terms(self, node: int) -> list[Term]:
-        """Return the terms that a node adds up, the heaviest first, without features of no weight."""
+        """Return the terms that a node adds up.
+
+        Args:
+            node: The number of the node.
+
+        Returns:
+            The terms, the heaviest first, without features of no weight.
+        """
         weights = np.asarray(self.actor.weights[node], np.float64)
         order = [int(i) for i in np.argsort(-weights, kind="stable") if weights[i] > 0]
         if len(order) <= MOST_TERMS:
@@ -74,7 +93,11 @@ class SoftView:
         return terms + ([Term(f"{len(rest)} others", float(weights[rest].sum()))] if rest else [])
 
     def scaling(self) -> list[str]:
-        """Describe the scaling of the features that some node compares; unscaled ones are left out."""
+        """Describe the scaling of the features that some node compares.
+
+        Returns:
+            A text for each feature that is scaled.
+        """
         used = np.flatnonzero((np.asarray(self.actor.weights) > 0).any(axis=0))
         scaled = [i for i in used.tolist() if (self.shift[i], self.scale[i]) != (0, 1)]
         return [
@@ -82,12 +105,23 @@ class SoftView:
         ]
 
     def with_shares_of(self, x: Float[np.ndarray, "batch features"]) -> SoftView:
-        """Count the weights of the ways of raw observations."""
+        """Compute the shares of the leaves from observations.
+
+        Args:
+            x: Raw observations.
+
+        Returns:
+            The same view, with these shares.
+        """
         scaled = (np.asarray(x, np.float32) - self.shift) * self.scale
         return replace(self, shares=np.asarray(self.actor.reach(jnp.asarray(scaled)).mean(axis=0)))
 
     def skeleton(self) -> DecisionTree:
-        """A hard tree of the same form, for what lays trees out; node by node `in_preorder` of this one."""
+        """Return a hard tree of the same form, to be laid out.
+
+        Returns:
+            The tree; its nodes are `in_preorder` of this one.
+        """
         tree = DecisionTree.from_complete(
             np.asarray(self.actor.weights).argmax(axis=1),
             self.thresholds,
@@ -104,7 +138,14 @@ class SoftView:
 
 
 def in_preorder(n_inner: int) -> list[int]:
-    """The nodes of a complete tree, numbered breadth-first, in preorder."""
+    """Return the nodes of a complete tree in preorder.
+
+    Args:
+        n_inner: The number of inner nodes.
+
+    Returns:
+        The nodes, numbered breadth-first.
+    """
     order, awaited = [], [0]
     while awaited:
         order.append(node := awaited.pop())
@@ -120,7 +161,14 @@ def _affine(shift: float, scale: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in words: ``62 %``, ``<1 %``, ``>99 %``."""
+    """Format a share: ``62 %``, ``<1 %``, ``>99 %``.
+
+    Args:
+        share: The share, from 0 to 1.
+
+    Returns:
+        The text.
+    """
     if 0 < share < 0.005:
         return "<1 %"
     return ">99 %" if 0.995 <= share < 1 else f"{share:.0%}".replace("%", " %")

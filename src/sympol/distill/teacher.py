@@ -17,10 +17,10 @@ from .answers import check_spaces, checked_actions, checked_values
 from .observations import unflatten
 
 Ask: TypeAlias = Callable[[Float32[np.ndarray, "batch features"]], ArrayLike]
-"""From flat raw observations to one row for each of them."""
+"""A function from flat raw observations to one row for each of them."""
 
 TINY = float(np.finfo(np.float32).smallest_normal)
-"""The least probability whose logarithm is taken; what float32 underflowed to zero was no larger."""
+"""The least probability whose logarithm is taken; one that became zero in float32 was no larger."""
 
 
 @dataclass(frozen=True)
@@ -149,9 +149,16 @@ class Teacher:
 
 
 def find_action_values(model: Any) -> Callable[[Any], np.ndarray] | None:
-    """Return what gives a stable-baselines3 model's action values for a batch of observations, or None.
+    """Return a function that computes a stable-baselines3 model's action values.
 
-    DQN: Q-values. PPO, A2C and their like with discrete actions: log-probabilities, of several components in turn.
+    Those of DQN are Q-values, those of PPO, A2C and the like with discrete actions log-probabilities, of several
+    components in turn.
+
+    Args:
+        model: The model.
+
+    Returns:
+        A function from a batch of observations to the values, or None if the model has none.
     """
     policy: Any = getattr(model, "policy", None)
     q_net: Any = getattr(model, "q_net", None)
@@ -173,7 +180,7 @@ def find_action_values(model: Any) -> Callable[[Any], np.ndarray] | None:
 
 
 def _log_of(probabilities: Ask, x: np.ndarray) -> np.ndarray:
-    """Logarithms of probabilities, of which none may be negative or more than one (and some float error)."""
+    """Compute logarithms of probabilities, of which none may be negative or more than one (and some float error)."""
     chances = np.asarray(probabilities(x), np.float64)
     if (chances < 0).any() or (chances > 1 + 1e-3).any():
         worst = chances.flat[np.argmax(np.abs(chances - 0.5))]

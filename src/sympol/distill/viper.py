@@ -75,9 +75,16 @@ def viper(
 
 
 def losses(teacher: Teacher, x: np.ndarray) -> Float64[np.ndarray, " samples"]:
-    """ℓ(s) = max_a Q(s, a) − min_a Q(s, a), summed over components where there are several.
+    """Compute the losses ℓ(s) = max_a Q(s, a) − min_a Q(s, a), summed over the components of an action.
 
     The log-probability of several choices at once is the sum of theirs, and so are its maximum and minimum.
+
+    Args:
+        teacher: A teacher with action values.
+        x: Flat observations.
+
+    Returns:
+        The loss of each observation.
     """
     assert teacher.action_values is not None
     values, actions = teacher.action_values(x), teacher.spec.actions
@@ -86,7 +93,16 @@ def losses(teacher: Teacher, x: np.ndarray) -> Float64[np.ndarray, " samples"]:
 
 
 def draw_by_loss(collected: Demonstrations, at_most: int, rng: np.random.Generator) -> Demonstrations:
-    """Draw with replacement in proportion to the losses; uniformly if no mistake costs anything."""
+    """Draw demonstrations with replacement in proportion to their losses, or uniformly if all losses are zero.
+
+    Args:
+        collected: All demonstrations, with losses.
+        at_most: The most to draw.
+        rng: The source of randomness.
+
+    Returns:
+        As many as there are, but at most ``at_most``.
+    """
     weights = collected.losses
     assert weights is not None
     total = weights.sum()

@@ -18,11 +18,21 @@ def gae(
     gamma: Float[Array, ""] | float,
     gae_lambda: Float[Array, ""] | float,
 ) -> Float[Array, "steps envs"]:
-    """Advantages ``A_t = δ_t + γλ(1 − done_t)·A_{t+1}``, ``δ_t = r_t + γ(1 − done_t)·V_{t+1} − V_t``.
+    """Compute advantages ``A_t = δ_t + γλ(1 − done_t)·A_{t+1}``, ``δ_t = r_t + γ(1 − done_t)·V_{t+1} − V_t``.
 
-    ``done`` marks every end of an episode; a value that is to be read at a time limit has been folded into the
-    reward before (`fold_bootstrap`). ``next_value`` and ``next_advantage`` belong to the step after the last
-    one, so that a long rollout can be worked off in pieces, from its end.
+    A long rollout can be computed in pieces, from its end.
+
+    Args:
+        reward: The rewards; the value at a time limit has been added before (`fold_bootstrap`).
+        value: The values of the observations.
+        done: Whether each step ends an episode.
+        next_value: The value of the observation after the last step.
+        next_advantage: The advantage of the step after the last one.
+        gamma: The discount factor.
+        gae_lambda: The decay λ of generalised advantage estimation.
+
+    Returns:
+        The advantages.
     """
 
     def backward(
@@ -46,5 +56,16 @@ def fold_bootstrap(
     last_value: Float[Array, "*batch"],
     gamma: Float[Array, ""] | float,
 ) -> Float[Array, "*batch"]:
-    """Add ``γ·V(last observation)`` to the reward of a step that only the clock ended."""
+    """Add ``γ·V(last observation)`` to the rewards of steps at which an episode was only truncated.
+
+    Args:
+        reward: The rewards.
+        truncated: Whether each step truncates its episode.
+        terminated: Whether each step terminates its episode.
+        last_value: The value of the observation after each step.
+        gamma: The discount factor.
+
+    Returns:
+        The rewards.
+    """
     return reward + jnp.where(truncated & ~terminated, gamma * last_value, 0.0)

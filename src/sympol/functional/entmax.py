@@ -18,7 +18,7 @@ from jax import Array
 from jaxtyping import Float
 
 NEWTON_STEPS = 6
-"""After these float32 stands still, for a thousand entries too (four would do for ten)."""
+"""Number of steps after which float32 no longer changes, even for a thousand entries (ten entries need four)."""
 
 
 def entmax15(logits: Float[Array, "*shape"], axis: int = -1) -> Float[Array, "*shape"]:
@@ -28,14 +28,14 @@ def entmax15(logits: Float[Array, "*shape"], axis: int = -1) -> Float[Array, "*s
     diag(s) − s sᵀ / Σs.
 
     Args:
-        logits: finite numbers, at least one along ``axis``.
-        axis: the axis that sums to one.
+        logits: Finite numbers, at least one along ``axis``.
+        axis: The axis that sums to one.
 
     Returns:
         Probabilities of the same shape, some of them exactly zero.
 
     Raises:
-        ValueError: if ``logits`` has no such axis, or nothing along it.
+        ValueError: The logits have no such axis, or nothing along it.
     """
     if not -logits.ndim <= axis < logits.ndim:
         raise ValueError(f"axis must exist in logits of shape {logits.shape}, got {axis}")
@@ -45,7 +45,15 @@ def entmax15(logits: Float[Array, "*shape"], axis: int = -1) -> Float[Array, "*s
 
 
 def entmax15_vjp(logits: Float[Array, "rows n"], v: Float[Array, "rows n"]) -> Float[Array, "rows n"]:
-    """Return the derivative of entmax15 along the last axis times ``v``, without its value."""
+    """Multiply the derivative of entmax15 along the last axis by a vector.
+
+    Args:
+        logits: Finite numbers.
+        v: A vector for each row.
+
+    Returns:
+        The product for each row.
+    """
     if logits.shape[1] > 32:
         return _product(_root(logits, 1), v, 1)
     # XLA's sums over a short last axis are slow; down the columns they are vectorised
@@ -53,16 +61,22 @@ def entmax15_vjp(logits: Float[Array, "rows n"], v: Float[Array, "rows n"]) -> F
 
 
 def entmoid15(z: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """The first of the two probabilities entmax15([z, 0]): a sigmoid that is 0 below −2 and 1 above 2.
+    """Compute the first of the two probabilities entmax15([z, 0]): a sigmoid that is 0 below −2 and 1 above 2.
 
     With a = z/2 the threshold of two entries solves (a − t)² + t² = 1, so p = ((a + √(2 − a²))/2)² for |a| < 1.
+
+    Args:
+        z: Numbers.
+
+    Returns:
+        Probabilities of the same shape.
     """
     a = jnp.clip(0.5 * z, -1.0, 1.0)
     return jnp.square(0.5 * (a + jnp.sqrt(2.0 - a * a)))
 
 
 def _root(logits: Array, axis: int) -> Array:
-    """√entmax15: all that the derivative needs."""
+    """Return √entmax15, from which the derivative follows."""
     half = logits * 0.5
     z = half - jnp.max(half, axis, keepdims=True)
 

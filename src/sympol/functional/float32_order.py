@@ -1,4 +1,4 @@
-"""The order of the float32 numbers, and where exactly a rounded function crosses a threshold."""
+"""The order of the float32 numbers, and the exact place at which a rounded function crosses a threshold."""
 
 from __future__ import annotations
 
@@ -11,13 +11,27 @@ from ..trees.floats import flushed
 
 
 def to_rank(x: ArrayLike) -> np.ndarray:
-    """Return the rank of each float32 as int64: neighbours differ by one, −0 and +0 are equal."""
+    """Return the ranks of float32 numbers: neighbours differ by one, −0 and +0 are equal.
+
+    Args:
+        x: The numbers.
+
+    Returns:
+        The ranks, int64.
+    """
     bits = np.asarray(x, np.float32).view(np.int32).astype(np.int64)
     return np.where(bits >= 0, bits, -(bits & 0x7FFFFFFF))
 
 
 def from_rank(rank: np.ndarray) -> np.ndarray:
-    """Return the float32 with each rank."""
+    """Return the float32 numbers of some ranks.
+
+    Args:
+        rank: The ranks.
+
+    Returns:
+        The numbers.
+    """
     magnitude = np.abs(rank).astype(np.int32).view(np.float32)
     return np.where(rank < 0, -magnitude, magnitude).astype(np.float32)
 
@@ -25,9 +39,15 @@ def from_rank(rank: np.ndarray) -> np.ndarray:
 def largest_below(function: Callable[[np.ndarray], np.ndarray], threshold: np.ndarray) -> np.ndarray:
     """Return for each threshold the largest finite float32 x with ``function(x) <= threshold``.
 
-    ``function`` works element by element and never falls as x grows, rounding included. Bisection over the 2³²
-    floats, so the answer is exact: ``x <= answer`` and ``function(x) <= threshold`` agree on every float32.
-    Where not even the lowest finite x qualifies, the answer is −inf; subnormal answers become zero.
+    The search bisects the 2³² floats, so the answer is exact: ``x <= answer`` and ``function(x) <= threshold`` agree on
+    every float32.
+
+    Args:
+        function: A function of single numbers that never falls as x grows, rounding included.
+        threshold: The thresholds.
+
+    Returns:
+        The answers; −inf where not even the lowest finite x qualifies, and zero in place of subnormal numbers.
     """
     extreme = to_rank(np.float32(np.finfo(np.float32).max))
     low = np.full(threshold.shape, -extreme - 1)  # −inf: qualifies by definition
@@ -40,7 +60,7 @@ def largest_below(function: Callable[[np.ndarray], np.ndarray], threshold: np.nd
 
 
 UNDERFLOW = float(np.finfo(np.float32).smallest_normal) * (1 - 2**-25)
-"""A product below this is zero to a CPU that flushes denormals: it rounds to 24 bits first, and then looks."""
+"""The least product that is not zero on a CPU that flushes denormals, which it does after rounding to 24 bits."""
 
 
 def unscale_thresholds(threshold: np.ndarray, shift: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -12,9 +12,16 @@ from jaxtyping import PRNGKeyArray
 
 
 def normals(key: PRNGKeyArray, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
-    """Standard normal arrays of the shapes given, out of one draw.
+    """Draw several standard normal arrays by one call.
 
-    Each call of `jax.random` is compiled on its own, at about a tenth of a second; this is one.
+    Each call of `jax.random` is compiled on its own, which takes about a tenth of a second.
+
+    Args:
+        key: The source of randomness.
+        shapes: The shapes.
+
+    Returns:
+        An array of each shape.
     """
     ends = [0]
     for shape in shapes:

@@ -15,6 +15,12 @@ class Shuffle(NamedTuple):
 
     Sample ``i = c + 2^k·j`` goes to chunk ``(a·c + jump[j']) mod 2^k``, place ``j' = order[(j + turn[c]) mod
     chunk_size]``: for each c a bijection in j, for each j' a bijection in c, so a bijection.
+
+    Attributes:
+        order: The permutation of a chunk.
+        turn: The rotation of each chunk.
+        jump: The offset of each place.
+        stride: The odd factor a.
     """
 
     order: Int[Array, " chunk_size"]
@@ -24,7 +30,16 @@ class Shuffle(NamedTuple):
 
     @staticmethod
     def create(key: PRNGKeyArray, chunk_size: int, max_chunks: int) -> Shuffle:
-        """Draw a permutation; ``max_chunks`` is a power of two."""
+        """Draw a permutation.
+
+        Args:
+            key: The source of randomness.
+            chunk_size: The number of samples of a chunk.
+            max_chunks: The largest number of chunks, a power of two.
+
+        Returns:
+            The permutation.
+        """
         bits = jax.random.bits(key, (2 * chunk_size + max_chunks + 1,))
         order, turn, jump, stride = jnp.split(bits, [chunk_size, chunk_size + max_chunks, bits.size - 1])
         return Shuffle(
@@ -35,7 +50,7 @@ class Shuffle(NamedTuple):
         )
 
     def __call__(self, index: Int[Array, " batch"], stage: Int[Array, ""]) -> Int[Array, " batch"]:
-        """Where the samples ``index`` of a rollout of ``2^stage`` chunks lie, as rows of that rollout."""
+        """Return the rows at which the samples ``index`` of a rollout of ``2^stage`` chunks lie."""
         chunk_size = self.order.shape[0]
         mask = (1 << stage) - 1
         chunk = index & mask

@@ -1,6 +1,6 @@
 """Find out which features of an observation vary, each relative to its own values.
 
-Everything that scales features asks here: training, warm starts, stable-baselines3's policy.
+Training, warm starts and stable-baselines3's policy scale features by it.
 """
 
 from __future__ import annotations
@@ -13,17 +13,25 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 RESOLUTION = 2.0**-22
-"""Of float32, with a little to spare: where the range of values is a smaller part of them, it is rounding."""
+"""The resolution of float32, with a margin: where the range of values is a smaller part of them, it is rounding."""
 
 LARGEST_SCALE = 2.0**126
-"""A spread may be so small that its inverse is no float32."""
+"""The largest scale, because the inverse of a small spread may be no float32."""
 
 _FAR = 256.0
-"""A mean so many ranges away from zero is a sum in which the range is lost."""
+"""The number of ranges away from zero beyond which a mean, computed as a sum, loses the range."""
 
 
 def moves(low: Any, high: Any) -> Any:
-    """Return whether a feature that was seen from ``low`` to ``high`` varies; for arrays of NumPy or JAX."""
+    """Return whether features vary.
+
+    Args:
+        low: The lowest value of each feature, an array of NumPy or JAX.
+        high: The highest value of each.
+
+    Returns:
+        True where the range is more than rounding.
+    """
     spread = high - low
     return (spread > RESOLUTION * abs(low)) & (spread > RESOLUTION * abs(high))
 
@@ -31,10 +39,16 @@ def moves(low: Any, high: Any) -> Any:
 def center_and_scale(
     x: Float[Array, "batch features"],
 ) -> tuple[Bool[Array, " features"], Float[Array, " features"], Float[Array, " features"]]:
-    """Return which features vary, the mean of each, and half the inverse of its standard deviation.
+    """Compute the centre and scale of features.
 
     Features of an unusual unit, or far from zero, are brought near one first, because in float32 their squares would
-    vanish or overflow, and their sum would lose what they differ in.
+    vanish or overflow, and their sum would lose their differences.
+
+    Args:
+        x: Observations.
+
+    Returns:
+        Which features vary, the mean of each, and half the inverse of its standard deviation.
     """
     low, high = jnp.min(x, axis=0), jnp.max(x, axis=0)
     moving = moves(low, high)

@@ -1,4 +1,4 @@
-"""Distributions over actions: what the numbers in a leaf mean.
+"""Distributions over actions, which give the numbers in a leaf their meaning.
 
 Each maps the policy's ``outputs [..., num_outputs]`` (and a state-independent ``log_std`` for continuous
 actions) to actions. Sampling takes its noise from outside, so that a whole rollout draws it in one call.
@@ -23,7 +23,10 @@ HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
 
 class Distribution(Protocol):
-    """The actions of one space."""
+    """The distribution over the actions of one space.
+
+    Outputs are ``[..., num_outputs]``; ``log_std`` is empty for discrete actions.
+    """
 
     @property
     def num_outputs(self) -> int:
@@ -39,83 +42,83 @@ class Distribution(Protocol):
         """Draw the noise that `sample` needs.
 
         Args:
-            key: The key to draw with.
-            shape: The batch shape of the actions.
+            key: The source of randomness.
+            shape: The shape of the batch of actions.
 
         Returns:
-            The noise, its leading axes those of ``shape``.
+            The noise.
         """
         ...
 
     def sample(self, outputs: Array, log_std: Array, noise: Array) -> Action:
-        """Sample an action for each noise.
+        """Sample actions.
 
         Args:
-            outputs: Outputs of the actor ``[..., outputs]``.
-            log_std: Log standard deviations of continuous actions ``[std]``.
-            noise: The result of `noise`.
+            outputs: The outputs of the policy.
+            log_std: The log standard deviations.
+            noise: The noise, of `noise`.
 
         Returns:
-            Actions as they are stored, neither clipped nor rounded.
+            One action for each output.
         """
         ...
 
     def mode(self, outputs: Array) -> Action:
-        """Return the most probable action, which is that of the deterministic policy.
+        """Return the most probable actions, which the deterministic policy takes.
 
         Args:
-            outputs: Outputs of the actor ``[..., outputs]``.
+            outputs: The outputs of the policy.
 
         Returns:
-            Actions in the form of `sample`.
+            One action for each output.
         """
         ...
 
     def log_prob(self, outputs: Array, log_std: Array, action: Action) -> Array:
-        """Compute the log-probability, or log-density, of actions as they were sampled.
+        """Compute the log-probability, or its density, of actions as sampled, before any clipping.
 
         Args:
-            outputs: Outputs of the actor ``[..., outputs]``.
-            log_std: Log standard deviations of continuous actions ``[std]``.
-            action: Actions in the form of `sample`.
+            outputs: The outputs of the policy.
+            log_std: The log standard deviations.
+            action: The actions.
 
         Returns:
-            One number per action.
+            One number for each action.
         """
         ...
 
     def entropy(self, outputs: Array, log_std: Array) -> Array:
-        """Compute the entropy in nats.
+        """Compute the entropy.
 
         Args:
-            outputs: Outputs of the actor ``[..., outputs]``.
-            log_std: Log standard deviations of continuous actions ``[std]``.
+            outputs: The outputs of the policy.
+            log_std: The log standard deviations.
 
         Returns:
-            One number per row of outputs.
+            The entropy in nats, one for each output.
         """
         ...
 
     def to_env(self, action: Action) -> Action:
-        """Convert actions for the environment: clipped to the space, in the space's shape.
+        """Convert actions to those that the environment takes.
 
         Args:
-            action: Actions in the form of `sample`.
+            action: The actions as sampled.
 
         Returns:
-            The actions that the environment takes.
+            The actions, clipped to the space and in its shape.
         """
         ...
 
 
 def _select(values: Array, index: Array) -> Array:
-    """``values[..., index]`` without a gather: the axis is short."""
+    """Return ``values[..., index]`` without a gather, because the axis is short."""
     choices = jax.lax.broadcasted_iota(jnp.int32, values.shape, values.ndim - 1)
     return jnp.sum(jnp.where(choices == index[..., None], values, 0), axis=-1)
 
 
 def _like(vector: Array, batch: Array) -> Array:
-    """A vector with leading axes of one, to meet a batch of such vectors."""
+    """Add leading axes to a vector, to broadcast it over a batch of such vectors."""
     return vector.reshape((1,) * (batch.ndim - 1) + vector.shape)
 
 

@@ -20,11 +20,11 @@ from ..trees.floats import flushed
 from .tree import Tree
 
 MARGIN = 1.0
-"""By how much the logit of a split's feature exceeds the others. From 2 on entmax15 would give the others nothing, and
-they could not come back."""
+"""The difference of the logit of a split's feature to the others. From 2 on entmax15 would give the others nothing, and
+they could not recover."""
 
 CERTAIN = 0.999
-"""A leaf with an action more probable than this would learn next to nothing: another action is hardly ever tried."""
+"""The highest probability of a leaf's action; with a higher one it would hardly ever try another, and learn nothing."""
 
 LEAST_LOG_STD = -10.0
 
@@ -39,10 +39,17 @@ class Places(NamedTuple):
 
 
 def places(tree: DecisionTree, depth: int) -> Places:
-    """Lay a tree out in a complete one of this depth.
+    """Lay a tree out in a complete one.
+
+    Args:
+        tree: The tree.
+        depth: The depth of the complete tree.
+
+    Returns:
+        The positions of its nodes.
 
     Raises:
-        ValueError: if the tree is deeper, or no complete tree is so deep.
+        ValueError: The tree is deeper, or no complete tree is so deep.
     """
     if not 1 <= depth <= MAX_DEPTH:
         raise ValueError(f"depth must be between 1 and {MAX_DEPTH}, got {depth}")

@@ -12,10 +12,18 @@ from .tree import Tree
 
 
 def extract_tree(actor: Tree, shift: np.ndarray, scale: np.ndarray, **metadata: Any) -> DecisionTree:
-    """The complete tree over raw observations that acts, on every float32 observation, as the actor does.
+    """Return the complete tree over raw observations that acts as an actor does, on every float32 observation.
 
     The actor sees ``(x − shift) · scale``; the tree's thresholds undo the scaling exactly (`unscale_thresholds`).
-    ``reading`` is as of `raw_tree`.
+
+    Args:
+        actor: The actor.
+        shift: The shift of each feature.
+        scale: The scale of each feature.
+        metadata: The fields of the tree that describe its features and actions.
+
+    Returns:
+        The tree.
     """
     feature = np.argmax(np.asarray(actor.feature_logits), axis=1)
     threshold = np.take_along_axis(np.asarray(actor.thresholds), feature[:, None], axis=1)[:, 0]
@@ -30,6 +38,18 @@ def raw_tree(
     scale: np.ndarray,
     **metadata: Any,
 ) -> DecisionTree:
-    """The complete tree over raw observations of splits over scaled ones; ``reading`` is what its readers are told."""
+    """Return the complete tree over raw observations of splits over scaled ones.
+
+    Args:
+        feature: The feature of each split.
+        threshold: The threshold of each split, for the scaled feature.
+        leaf_values: The outputs of each leaf.
+        shift: The shift of each feature.
+        scale: The scale of each feature.
+        metadata: The fields of the tree that describe its features and actions.
+
+    Returns:
+        The tree.
+    """
     raw = unscale_thresholds(threshold, np.asarray(shift)[feature], np.asarray(scale)[feature])
     return DecisionTree.from_complete(feature, raw, leaf_values, **metadata)

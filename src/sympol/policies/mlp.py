@@ -1,4 +1,4 @@
-"""The multilayer perceptron: as the critic, and as an actor to compare with."""
+"""The multilayer perceptron, the critic and an actor to compare with."""
 
 from __future__ import annotations
 
@@ -14,14 +14,27 @@ from ..functional.random import normals
 
 
 class MLP(eqx.Module):
-    """Dense layers with tanh between them; ``weights[i]`` is ``[in, out]``."""
+    """Dense layers with tanh between them.
+
+    Attributes:
+        weights: The weights of each layer.
+        biases: The biases of each layer.
+    """
 
     weights: tuple[Float[Array, "inputs outputs"], ...]
     biases: tuple[Float[Array, " outputs"], ...]
 
     @staticmethod
     def create(key: PRNGKeyArray, sizes: tuple[int, ...]) -> MLP:
-        """Layers of the sizes given, inputs first; variance 1/inputs, the last layer a tenth of that."""
+        """Draw random layers with a standard deviation of 1/√inputs, that of the last layer a tenth of it.
+
+        Args:
+            key: The source of randomness.
+            sizes: The numbers of units, inputs first.
+
+        Returns:
+            The network.
+        """
         shapes = list(itertools.pairwise(sizes))
         scales = [1.0] * (len(shapes) - 1) + [0.1]
         weights = tuple(
@@ -31,7 +44,7 @@ class MLP(eqx.Module):
         return MLP(weights, tuple(jnp.zeros(shape[1]) for shape in shapes))
 
     def __call__(self, x: Float[Array, "batch inputs"]) -> Float[Array, "batch outputs"]:
-        """Forward."""
+        """Compute the outputs."""
         *hidden, last = zip(self.weights, self.biases, strict=True)
         for weight, bias in hidden:
             x = jnp.tanh(x @ weight + bias[None])
@@ -39,7 +52,12 @@ class MLP(eqx.Module):
 
 
 class MLPActor(eqx.Module):
-    """An MLP that acts; ``log_std`` has one entry per continuous action dimension."""
+    """An MLP that acts.
+
+    Attributes:
+        net: The network.
+        log_std: One log standard deviation for each continuous action dimension.
+    """
 
     net: MLP
     log_std: Float[Array, " num_std"]
@@ -52,13 +70,27 @@ class MLPActor(eqx.Module):
         num_std: int = 0,
         log_std: Float[Array, ""] | float = 0.0,
     ) -> MLPActor:
-        """Layers of the sizes given, the features first and the outputs last."""
+        """Draw a random network.
+
+        Args:
+            key: The source of randomness.
+            sizes: The numbers of units, the features first and the outputs last.
+            num_std: The number of log standard deviations.
+            log_std: Their initial value.
+
+        Returns:
+            The actor.
+        """
         return MLPActor(MLP.create(key, sizes), jnp.full((num_std,), log_std))
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
-        """Forward."""
+        """Compute the outputs."""
         return self.net(x)
 
     def rollout(self) -> MLP:
-        """The network alone."""
+        """Return the network, for acting.
+
+        Returns:
+            The network.
+        """
         return self.net

@@ -1,8 +1,8 @@
-"""The soft decision tree (SDT): every observation takes every way, each with a weight.
+"""The soft decision tree (SDT): every observation takes every path, each with a weight.
 
 As the paper improves on Silva et al. (2020, arXiv:1903.09338): a node's feature weights are entmax15 of its logits,
 so that they are sparse and sum to one, and its gate is the entmoid of how far the weighted observation lies from the
-node's threshold. The outputs of the leaves are averaged by the weights of the ways to them.
+node's threshold. The outputs of the leaves are averaged by the weights of the paths to them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,15 @@ from ..functional.random import normals
 
 
 class SoftTree(eqx.Module):
-    """A complete soft tree of depth D over F features: N = 2^D − 1 gates, L = 2^D leaves of A outputs."""
+    """A complete soft tree of depth D over F features: N = 2^D − 1 gates, L = 2^D leaves of A outputs.
+
+    Attributes:
+        feature_logits: The logits of each feature at each gate.
+        thresholds: The threshold of each gate.
+        leaf_values: The outputs of each leaf.
+        log_std: One log standard deviation for each continuous action dimension; empty for discrete actions.
+        temperature: The temperature of the gates.
+    """
 
     feature_logits: Float[Array, "nodes features"]
     thresholds: Float[Array, " nodes"]
@@ -36,7 +44,20 @@ class SoftTree(eqx.Module):
         log_std: Float[Array, ""] | float = 0.0,
         temperature: float = 1.0,
     ) -> SoftTree:
-        """Random gates over observations of about unit scale; leaves near zero, so near indifference."""
+        """Draw random gates for observations of about unit scale, and leaves near zero.
+
+        Args:
+            key: The source of randomness.
+            depth: The depth D.
+            num_features: The number of features F.
+            num_outputs: The number of outputs A.
+            num_std: The number of log standard deviations.
+            log_std: Their initial value.
+            temperature: The temperature of the gates.
+
+        Returns:
+            The tree.
+        """
         nodes = 2**depth - 1
         logits, thresholds, leaves = normals(key, [(nodes, num_features), (nodes,), (nodes + 1, num_outputs)])
         return SoftTree(
@@ -53,11 +74,18 @@ class SoftTree(eqx.Module):
         return entmax15(self.feature_logits)
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
-        """The mean of the leaves' outputs, weighted by the ways of each observation."""
+        """Return the mean of the leaves' outputs, weighted by the paths of each observation."""
         return self.reach(x) @ self.leaf_values
 
     def reach(self, x: Float[Array, "batch features"]) -> Float[Array, "batch leaves"]:
-        """The weight of each observation's way to each leaf; rows sum to one."""
+        """Compute the weight of each observation's path to each leaf.
+
+        Args:
+            x: Scaled observations.
+
+        Returns:
+            The weights; rows sum to one.
+        """
         left = entmoid15((self.thresholds[None] - x @ self.weights.T) / self.temperature)
         reach = jnp.ones((x.shape[0], 1))
         for depth in range(len(self.thresholds).bit_length()):
@@ -66,5 +94,9 @@ class SoftTree(eqx.Module):
         return reach
 
     def rollout(self) -> SoftTree:
-        """Return the tree itself: there is nothing to select beforehand."""
+        """Return the tree itself: there is nothing to select beforehand.
+
+        Returns:
+            The tree.
+        """
         return self

@@ -15,21 +15,33 @@ from ..functional.random import normals
 
 
 class RolloutTree(NamedTuple):
-    """The same tree with its splits chosen: D comparisons an observation, nothing to differentiate."""
+    """The same tree with its splits chosen: D comparisons an observation, nothing to differentiate.
+
+    Attributes:
+        feature: The feature of each split.
+        threshold: The threshold of each split.
+        leaf_values: The outputs of each leaf.
+    """
 
     feature: Int[Array, " nodes"]
     threshold: Float[Array, " nodes"]
     leaf_values: Float[Array, "leaves outputs"]
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
-        """The outputs of the leaf that each observation falls into."""
+        """Return the outputs of the leaf that each observation reaches."""
         return self.leaf_values[leaf_index(self.feature, self.threshold, x)]
 
 
 class Tree(eqx.Module):
     """A complete tree of depth D over F features: N = 2^D − 1 splits, L = 2^D leaves of A outputs.
 
-    ``log_std`` has one entry per continuous action dimension and is empty otherwise.
+    Attributes:
+        feature_logits: The logits of each feature at each split.
+        thresholds: A threshold for each feature at each split.
+        leaf_values: The outputs of each leaf.
+        log_std: One log standard deviation for each continuous action dimension; empty for discrete actions.
+        surrogate: The function that replaces the comparison in the backward pass.
+        temperature: The temperature of this function.
     """
 
     feature_logits: Float[Array, "nodes features"]
@@ -52,7 +64,22 @@ class Tree(eqx.Module):
         surrogate: Surrogate = "sigmoid",
         temperature: float = 1.0,
     ) -> Tree:
-        """Random splits over observations of about unit scale; leaves near zero, so near indifference."""
+        """Draw random splits for observations of about unit scale, and leaves near zero.
+
+        Args:
+            key: The source of randomness.
+            depth: The depth D.
+            num_features: The number of features F.
+            num_outputs: The number of outputs A.
+            num_std: The number of log standard deviations.
+            log_std: Their initial value.
+            threshold_std: The standard deviation of the thresholds.
+            surrogate: See the class.
+            temperature: See the class.
+
+        Returns:
+            The tree.
+        """
         nodes = 2**depth - 1
         splits = (nodes, num_features)
         logits, thresholds, leaves = normals(key, [splits, splits, (nodes + 1, num_outputs)])
@@ -66,7 +93,7 @@ class Tree(eqx.Module):
         )
 
     def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
-        """The outputs of the leaf of each observation, differentiable straight through."""
+        """Return the outputs of the leaf of each observation, differentiable straight through."""
         return hard_tree(
             self.feature_logits,
             self.thresholds / self.temperature,
@@ -76,5 +103,9 @@ class Tree(eqx.Module):
         )
 
     def rollout(self) -> RolloutTree:
-        """The tree as it acts."""
+        """Choose the splits, for acting.
+
+        Returns:
+            The tree with its splits chosen.
+        """
         return RolloutTree(*select(self.feature_logits, self.thresholds), self.leaf_values)

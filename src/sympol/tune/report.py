@@ -56,7 +56,15 @@ def importances(study: Study) -> dict[str, float]:
 
 
 def write_plots(study: Study, stem: Path) -> list[Path]:
-    """Write ``<stem>-history.svg`` and, with enough trials, ``<stem>-importance.svg``; return their paths."""
+    """Write ``<stem>-history.svg`` and, with enough trials, ``<stem>-importance.svg``.
+
+    Args:
+        study: The study.
+        stem: The common part of the paths; its folder is created if it is missing.
+
+    Returns:
+        The paths.
+    """
     with styled():
         made = {"history": _history(study), "importance": _importance(study)}
         stem.parent.mkdir(parents=True, exist_ok=True)
@@ -137,6 +145,10 @@ def _presets(content: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
 
 def save_preset(study: Study, path: Path) -> None:
     """Write the best trial as the preset of its algorithm and policy, keeping other presets of the file.
+
+    Args:
+        study: The study.
+        path: A ``.toml`` file.
 
     Raises:
         ValueError: No trial was completed, or as `require_preset_file` does.

@@ -94,7 +94,15 @@ def fixed(algorithm: str, policy: str) -> dict[str, Any]:
 
 
 def suggest(trial: Trial, space: Space) -> dict[str, Any]:
-    """Let Optuna choose a value for every name of a space."""
+    """Let Optuna choose the value of every name in a space.
+
+    Args:
+        trial: The trial, whose sampler chooses.
+        space: The space.
+
+    Returns:
+        The values by name; `fields_of` turns them into fields of `Config`.
+    """
     return {name: _suggest(trial, name, values) for name, values in space.items()}
 
 

@@ -138,6 +138,10 @@ def objective(trial: Trial, search: Search) -> float:
     Each validation is reported to the study, which may prune the trial. With several seeds, the mean of the finished
     trainings and the current one is reported.
 
+    Args:
+        trial: The trial.
+        search: The search.
+
     Raises:
         optuna.TrialPruned: The trial is too poor to go on.
         EnvironmentFailure: A training reached NaN.

@@ -125,7 +125,16 @@ class PointerTrees(NamedTuple):
     def apply(
         self, tree: Int[Array, " lanes"], tree_slices: tuple[Array, ...], x: Float[Array, "lanes features"]
     ) -> Int[Array, " lanes"]:
-        """Return the node that each lane's observation reaches."""
+        """Return the node that each lane's observation reaches.
+
+        Args:
+            tree: The number of each lane's tree ``[lanes]``.
+            tree_slices: What `tree_slices` returned for these trees.
+            x: The observations ``[lanes, features]``.
+
+        Returns:
+            Numbers of nodes ``[lanes]``.
+        """
         numbers, first = x.ravel(), jnp.arange(len(x)) * x.shape[1]
 
         def down(_: Int[Array, ""], row: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
@@ -198,7 +207,16 @@ class BitmaskTrees(NamedTuple):
     def apply(
         self, tree: Int[Array, " lanes"], tree_slices: tuple[Array, ...], x: Float[Array, "lanes features"]
     ) -> Int[Array, " lanes"]:
-        """Return the leaf that each lane's observation reaches, counted from the left."""
+        """Return the leaf that each lane's observation reaches.
+
+        Args:
+            tree: The number of each lane's tree ``[lanes]``.
+            tree_slices: What `tree_slices` returned for these trees.
+            x: The observations ``[lanes, features]``.
+
+        Returns:
+            Numbers of leaves, counted from the left, ``[lanes]``.
+        """
         # a barrier, or the step that led to them would be computed again for each node
         columns = jax.lax.optimization_barrier(x.T)
 
