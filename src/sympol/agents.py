@@ -54,6 +54,10 @@ Callback = Callable[[Report], bool | None]
 """Called after each validation; returning False ends the training there."""
 
 
+def _ends_training(answer: object) -> bool:
+    return isinstance(answer, bool | np.bool_) and not answer
+
+
 class Agent(abc.ABC):
     """The interface of all agents: a policy, an environment, and the training of one on the other.
 
@@ -222,7 +226,7 @@ class Agent(abc.ABC):
             metrics = metrics_of(self.state, elapsed, (self.num_timesteps - first) / elapsed)
             bar.update(metrics)
             report = Report(self, self.num_timesteps, self.config.total_timesteps, metrics)
-            if any([c(report) is False for c in callbacks]):
+            if any([_ends_training(c(report)) for c in callbacks]):
                 return
 
     def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:

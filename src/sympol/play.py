@@ -270,8 +270,8 @@ def require_host(spec: EnvSpec) -> None:
     """
     if spec.make_host is None:
         raise ValueError(
-            f"{spec.name} is written in JAX and has no form in Gymnasium to be evaluated on; give evaluate_policy "
-            "a Gymnasium environment"
+            f"{spec.name} is written in JAX and has no form in Gymnasium, in which episodes are played; give the form "
+            "that sympol.envs.on_host.OnHost makes of it, or register it with host="
         )
 
 

@@ -27,10 +27,16 @@ class Step(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """One step of experience; leading axes are ``[num_steps, num_envs]``.
+    """Steps of experience; leading axes are ``[steps, envs]``, in a rollout ``[chunks, steps, envs]``.
 
-    ``action`` is stored as it was sampled, neither clipped nor rounded. ``last_observation`` is the observation after
-    the step, even if the episode ended there: the next row may already belong to a new episode.
+    Attributes:
+        observation: The observation that the action answered, in a rollout scaled for the networks.
+        action: The action as it was sampled, neither clipped nor rounded.
+        reward: The reward of the step.
+        terminated: True where the step ended the episode in a terminal state.
+        truncated: True where a time limit ended the episode.
+        last_observation: The observation after the step, scaled like ``observation``, even if the episode ended there:
+            the next row may already belong to a new episode.
     """
 
     observation: Float[Array, "*batch features"]

@@ -7,12 +7,14 @@ from typing import Any
 
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import sympol
 from sympol.agents import Agent, agent_class
 from sympol.algorithms.config import ConfigError
+from sympol.algorithms.ppo import PPO
 from sympol.algorithms.registry import ALGORITHMS
 from sympol.runs.run import Run
 from sympol.training import resume_agent, save_into
@@ -105,3 +107,56 @@ def test_what_it_does_not_have_is_refused():
         toy("mlp", MatchObservation(), clip_eps=0.1)
     with pytest.raises(ConfigError, match="algorithm must be one of ppo, a2c, toy, got 'dqn'"):
         sympol.algorithms.config.Config(algorithm="dqn")  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def returns(result):
+    class Wrong(PPO):
+        def update(self, hyper, state, experience, key):
+            updated, metrics = super().update(hyper, state, experience, key)
+            return result(updated, metrics)
+
+    return Wrong
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        (
+            lambda state, metrics: None,
+            r"Wrong.update must return the new state and a dictionary of metrics, got None",
+        ),
+        (
+            lambda state, metrics: (state, {**metrics, "train/odd": jnp.zeros(3)}),
+            r"scalar metrics, got 'train/odd' of shape \(3,\)",
+        ),
+        (
+            lambda state, metrics: (state._replace(memory=jnp.zeros(2)), metrics),
+            r"same form: memory was absent and is float32\[2\]",
+        ),
+        (
+            lambda state, metrics: (state._replace(timestep=jnp.float32(0)), metrics),
+            r"same form: timestep was int32\[\] and is float32\[\]",
+        ),
+    ],
+)
+def test_what_an_update_must_return(monkeypatch, result, message):
+    monkeypatch.setitem(ALGORITHMS, "wrong", returns(result))
+    agent = agent_class("wrong")("tree", "CartPole-v1", depth=2, num_envs=4, num_steps=16)
+    with pytest.raises(TypeError, match=message):
+        agent.learn(512, progress_bar=False)
+
+
+@pytest.mark.parametrize(
+    ("answer", "stops"), [(False, True), (np.bool_(False), True), (None, False), (0, False)]
+)
+def test_a_callback_ends_a_training_with_false(answer, stops):
+    agent = sympol.PPO(
+        "tree", "CartPole-v1", depth=2, num_envs=4, num_steps=16, num_evals=2, num_eval_episodes=2
+    )
+    agent.learn(512, callback=lambda report: answer, progress_bar=False)
+    assert (agent.num_timesteps < 512) == stops
+
+
+def test_a_start_must_be_a_tree():
+    with pytest.raises(TypeError, match=r"start must be a DecisionTree or a sympol.Start, got 'tree.json'"):
+        sympol.PPO("tree", "CartPole-v1", start="tree.json")

@@ -1,4 +1,4 @@
-"""A kind of environments is one module and one line in `ADAPTERS`."""
+"""Another kind of environment is one module and one line in `ADAPTERS`."""
 
 from __future__ import annotations
 

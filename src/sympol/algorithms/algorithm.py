@@ -123,6 +123,42 @@ class Algorithm(abc.ABC):
         """
 
 
+def checked_metrics(algorithm: Algorithm, state: TrainState, result: Any) -> Metrics:
+    """Return the metrics among what `Algorithm.update` returned, given shapes in place of arrays.
+
+    Args:
+        algorithm: The algorithm.
+        state: The state before the update.
+        result: The shapes that `jax.eval_shape` found for its result.
+
+    Returns:
+        The shapes of the metrics by name.
+
+    Raises:
+        TypeError: The result is no state of the same form with a dictionary of scalar metrics.
+    """
+    name = f"{type(algorithm).__name__}.update"
+    if not (isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], dict)):
+        raise TypeError(f"{name} must return the new state and a dictionary of metrics, got {result!r:.200}")
+    updated, metrics = result
+    for metric, value in metrics.items():
+        if getattr(value, "shape", None) != ():
+            raise TypeError(f"{name} must return scalar metrics, got {metric!r} of shape {value.shape}")
+    before, after = (_forms(of) for of in (state, updated))
+    for path in [path for path in {**before, **after} if before.get(path) != after.get(path)]:
+        raise TypeError(
+            f"{name} must return a state of the same form: {path.removeprefix('.')} was {before.get(path, 'absent')} "
+            f"and is {after.get(path, 'absent')}"
+        )
+    return metrics
+
+
+def _forms(state: Any) -> dict[str, str]:
+    """Return the type and shape of each array by its path."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(state)
+    return {jax.tree_util.keystr(path): f"{leaf.dtype}{list(leaf.shape)}" for path, leaf in leaves}
+
+
 def mean_of(total: Any, count: Int[Array, ""]) -> Any:
     """Divide every array of a pytree of sums by their number."""
     return jax.tree.map(lambda a: a / count.astype(jnp.float32), total)

@@ -300,7 +300,10 @@ def applies(name: str, algorithm: str, policy: str) -> bool:
 def _check_together(config: Config) -> None:
     """Raise ConfigError at the first rule that concerns more than the range of one field."""
     if config.algorithm not in ALGORITHMS:
-        raise ConfigError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {config.algorithm!r}")
+        raise ConfigError(
+            f"algorithm must be one of {', '.join(ALGORITHMS)}, got {config.algorithm!r}; one of your own is added to "
+            "sympol.algorithms.registry.ALGORITHMS by a module that is imported first: sympol --import MODULE COMMAND"
+        )
     for name in ("actor_hidden", "critic_hidden"):
         if any(width < 1 for width in getattr(config, name)):
             raise ConfigError(f"{name} must hold positive widths, got {getattr(config, name)}")

@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Int, PRNGKeyArray
 
-from .algorithm import Algorithm, Experience
+from .algorithm import Algorithm, Experience, checked_metrics
 from .config import Config, Hyperparameters
 from .data_init import init_from_tree, init_thresholds
 from .growth import stage
@@ -196,12 +196,15 @@ class Loop:
 
     @functools.cached_property
     def zero_metrics(self) -> dict[str, Any]:
-        """The metrics before the first update: zeros, under the names that the algorithm returns."""
+        """The metrics before the first update: zeros, under the names that the algorithm returns.
+
+        Raises:
+            TypeError: The algorithm's `update` returns something else than a state of the same form and scalar metrics.
+        """
         key = jax.eval_shape(lambda: purpose_key(jnp.uint32(0), "train"))
         state = self.saved_template()._replace(was_cut=np.bool_(False))
-        _, metrics = jax.eval_shape(
-            self._update, self.config.hyperparameters(), state, self.experience_shape(), key
-        )
+        shapes = self.config.hyperparameters(), state, self.experience_shape(), key
+        metrics = checked_metrics(self.algorithm, state, jax.eval_shape(self._update, *shapes))
         return jax.tree.map(lambda s: np.zeros(s.shape, s.dtype), metrics)
 
     def is_unfinished(self, state: TrainState, stop: Int[Array, ""]) -> Any:

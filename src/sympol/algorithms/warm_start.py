@@ -190,11 +190,17 @@ def start_of(start: DecisionTree | Start | None, freeze: Iterable[int] | str, sp
     Raises:
         ValueError: ``freeze`` is given without a tree or names nodes that it does not have, or the tree is for other
             features or actions.
+        TypeError: ``start`` is something else.
     """
     if start is None:
         if freeze:
             raise ValueError(f"freeze is about the tree to start from: give start, too; got {freeze!r}")
         return None
+    if not isinstance(start, DecisionTree | Start):
+        raise TypeError(
+            f"start must be a DecisionTree or a sympol.Start, got {start!r}; read a file with "
+            "sympol.DecisionTree.from_json(text)"
+        )
     fitted = (Start(start) if isinstance(start, DecisionTree) else start).fitted(spec)
     nodes = nodes_reached_by(fitted.tree, freeze) if isinstance(freeze, str) else freeze
     return replace(fitted, freeze=(*fitted.freeze, *nodes))

@@ -52,7 +52,10 @@ sympol: reinforcement learning whose policy is a decision tree you can read
 
 {listed}
 
-Each has --help. Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
+Each has --help. `sympol --import MODULE COMMAND ...` first imports a module of yours, which may register
+environments, adapters and algorithms.
+
+Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
 MountainCarContinuous-v0 and most of MiniGrid (MiniGrid-DoorKey-5x5-v0, ...) train inside one compiled
 program, LunarLander-v3 in machine code.
 """
@@ -100,7 +103,10 @@ def _run(words: list[str]) -> int:
 
         print(f"sympol {__version__}")
         return 0
-    name = words[0]
+    modules = []
+    while words and words[0] == "--import":
+        modules, words = [*modules, *words[1:2]], words[2:]
+    name = words[0] if words else ""
     if name not in COMMANDS:
         near = difflib.get_close_matches(name, COMMANDS)
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(COMMANDS)}"
@@ -109,7 +115,22 @@ def _run(words: list[str]) -> int:
     from .console import one_line_errors
 
     with interrupts.heard(lambda number: True), one_line_errors():  # from here on there may be files to close
+        for module in modules:
+            _import(module)
         return import_module(f".{name}", __package__).run(words[1:])
+
+
+def _import(module: str) -> None:
+    """Import a module that the user named, from the working directory or elsewhere on the path."""
+    sys.path.insert(0, "")
+    try:
+        import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        raise ImportError(
+            f"--import {module}: there is no such module here; is its folder on PYTHONPATH?"
+        ) from error
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ class Entry(NamedTuple):
 
 
 class Adapter(abc.ABC):
-    """A kind of environments, such as those of one package, found by how their ids begin.
+    """A kind of environment, such as those of one package, found by how their ids begin.
 
     A subclass is made without arguments and listed in `sympol.envs.adapters.ADAPTERS`. Its module is imported when an
     id that begins like its own is first asked for; the package itself should wait until an environment is made.

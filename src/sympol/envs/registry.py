@@ -10,7 +10,7 @@ import gymnasium
 
 from ..trees.groups import Group
 from .adapters import all_ids, built_in, lists
-from .adapters.gymnasium import make
+from .adapters.gymnasium import import_named, make
 from .capabilities import NativeEngine
 from .diagnostics import warn_of_environment
 from .entries import REGISTERED, Entry, Factory
@@ -103,7 +103,7 @@ def resolve(
     known = known_names(source.example, name)
 
     def own(what: str, given: Any) -> Any:
-        offers = (given, getattr(entry, what), getattr(source.example, what, None), known.get(what))
+        offers = (given, getattr(entry, what), _carried(source.example, what), known.get(what))
         return next((offer for offer in offers if offer is not None), None)
 
     observation_space, action_space = source.example.observation_space, source.example.action_space
@@ -178,7 +178,18 @@ def _later(env_id: str, kwargs: dict[str, Any], wrappers: tuple[Wrapping, ...]) 
 
 
 def _entry(env_id: str) -> Entry:
-    """Return what is known of an id: what the user registered, else what an adapter has."""
+    """Return what is known of an id: what the user registered, else what an adapter has.
+
+    For ``module:id`` the module is imported, and what it registered of this name counts.
+    """
+    module, _, name = env_id.rpartition(":")
+    if module and env_id not in REGISTERED:
+        import_named(module)
+        entry = _entry(name)
+        is_plain = isinstance(entry.host, partial) and entry.host.func is make
+        return (
+            entry._replace(host=partial(make, env_id)) if is_plain else entry
+        )  # whose copies import it, too
     ours = built_in(env_id)
     if _is_replaced(env_id):  # what Gymnasium makes of it is not what our forms do
         ours = Entry(host=partial(make, env_id))
@@ -188,6 +199,14 @@ def _entry(env_id: str) -> Entry:
     if given.env is None and given.host is None:  # only names, for what Gymnasium makes
         return given._replace(host=ours.host, native=ours.native)
     return given
+
+
+def _carried(example: gymnasium.Env | Env | Recorded, what: str) -> Any:
+    """Return an attribute of an environment, or of the one inside the wrappers that `gymnasium.make` itself adds."""
+    found = getattr(example, what, None)
+    if found is None and isinstance(example, gymnasium.Env) and (spec := example.spec) is not None:
+        found = None if spec.additional_wrappers else getattr(example.unwrapped, what, None)
+    return found
 
 
 def _is_replaced(env_id: str) -> bool:
@@ -213,7 +232,8 @@ def _host_of(source: Source, entry: Entry, name: str, kwargs: dict[str, Any]) ->
         return source.make_host
     if entry.host is not None:
         return partial(entry.host, **kwargs)
-    return partial(make, name, **kwargs) if name in gymnasium.registry else None
+    is_known = name.rpartition(":")[2] in gymnasium.registry
+    return partial(make, name, **kwargs) if is_known else None
 
 
 def _require_form(name: str, jax_env: Env | None, make_host: HostFactory | None, backend: Backend) -> None:
@@ -222,7 +242,8 @@ def _require_form(name: str, jax_env: Env | None, make_host: HostFactory | None,
         raise ValueError(f"{name} is not written in JAX; use backend='host' or 'auto'")
     if backend == "host" and make_host is None:
         raise ValueError(
-            f"{name} is written in JAX and has no form in Gymnasium; use backend='jax' or 'auto'"
+            f"{name} is written in JAX and has no form in Gymnasium; give the form that "
+            "sympol.envs.on_host.OnHost makes of it, or train with backend='jax'"
         )
 
 

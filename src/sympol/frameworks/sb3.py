@@ -63,9 +63,9 @@ class TreePolicy(ActorCriticPolicy):
         surrogate: What the hard step becomes going backward.
         threshold_std: Initial standard deviation of the thresholds, in scaled units.
         learning_rates: Others than `LEARNING_RATES`, by name.
-        shift: Of the scaling (x − shift) · scale, one number a feature; `warm_up` finds both. By default features with
-            finite bounds go to [−1, 1], and the others keep their size.
-        scale: Of the same scaling, one positive number a feature.
+        shift: Shift of the scaling (x − shift) · scale, one number per feature; `warm_up` finds both. By default
+            features with finite bounds go to [−1, 1], and the others keep their size.
+        scale: Scale of the same scaling, one positive number per feature.
         net_arch: Width of each hidden layer of the critic.
         activation_fn: Between them.
         log_std_init: Initial log standard deviation of continuous actions.

@@ -192,8 +192,8 @@ def require_no_import(env: str, path: Path, *, trust: bool = False) -> None:
         return
     raise RunError(
         f"{path} names the environment {env!r}, which needs a module; folders and files have no module imported, "
-        f"because that runs its code: if you trust it, say --trust, or name it yourself with --env {env} (in Python, "
-        f"env={env!r})"
+        f"because that runs its code: if you trust it, import it first with sympol --import {module or 'MODULE'} "
+        f"COMMAND, or say --trust or --env {env} where the command has these flags (in Python, env={env!r})"
     )
 
 

@@ -266,9 +266,9 @@ class Run:
     def resolve_env(self) -> EnvSpec:
         """Return the environment of the run, or the one it was opened with, under the run's names.
 
-        The run's own id stands for its environment, with the arguments and wrappers that the folder keeps. One of
-        Gymnasium's is not made before it is played, where the folder has its spaces. A run that trained with Numba's
-        machine code can be read without Numba, but not resumed.
+        The run's own id stands for its environment, with the arguments and wrappers that the folder keeps. Where the
+        folder has the spaces of an environment of Gymnasium, and the user names no other, it is not made before it is
+        played. A run that trained with Numba's machine code can be read without Numba, but not resumed.
 
         Returns:
             The description of the environment.
@@ -294,7 +294,7 @@ class Run:
         )
         name: str = self._env if isinstance(self._env, str) else self.metadata["env"]
         origin = Origin.from_dict(self.metadata)
-        spaces = self.metadata["spaces"]
+        spaces = {} if is_named else self.metadata["spaces"]
         if origin.not_kept:
             raise RunError(f"{self.path} was trained on {name}, {origin.not_kept}; {remedy}")
         require_no_import(name, self.path, trust=self._trust or is_named)

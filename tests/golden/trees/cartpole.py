@@ -1,6 +1,6 @@
 """A decision tree policy, written by sympol. It needs nothing but Python.
 
-act(observation) takes one number a feature, in the order of FEATURES, and returns an int.
+act(observation) takes one number per feature, in the order of FEATURES, and returns an int.
 The tree compares float32 numbers. Thresholds are written so that comparing float (and float32) numbers with them
 decides the same: each is the largest float that rounds to what its comment says.
 """

@@ -22,7 +22,7 @@ ADAPTERS: dict[str, str | type[Adapter]] = {
 }
 """How ids begin, and the subclass of `Adapter` for them, or the module and name to import it from.
 
-The longest beginning is asked first. A new kind of environments is one module and one line here.
+The longest beginning is asked first. A new kind of environment is one module and one line here.
 """
 
 

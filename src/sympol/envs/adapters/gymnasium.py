@@ -80,7 +80,7 @@ def require_known(env_id: str) -> str:
     import_for(name)
     try:
         if module:
-            _import(module)
+            import_named(module)
         gymnasium.spec(name)
     except gymnasium.error.Error as error:
         known = {known.lower(): known for known in (*REGISTERED, *all_ids(), *gymnasium.registry)}
@@ -93,8 +93,17 @@ def require_known(env_id: str) -> str:
     return name
 
 
-def _import(module: str) -> None:
-    """Import the module that a user named, for the environments that it registers."""
+def import_named(module: str) -> None:
+    """Import the module that a user named, for the environments that it registers.
+
+    Args:
+        module: Its name.
+
+    Raises:
+        UnknownEnvironment: There is no such module.
+        MissingExtra: It needs a package that is not installed.
+        ImportError: Importing it failed.
+    """
     try:
         importlib.import_module(module)
     except ModuleNotFoundError as error:

@@ -56,7 +56,7 @@ where = ["src"]
 _INIT = '''\
 """A decision tree policy, written by sympol {version}.
 
-act(observation) takes one number a feature, in the order of FEATURES, and returns {answer}.
+act(observation) takes one number per feature, in the order of FEATURES, and returns {answer}.
 """
 
 from .policy import FEATURES, act
@@ -108,7 +108,7 @@ from {name} import act
 act({observation})  # {action}
 ```
 
-`act` takes one number a feature and returns {answer}. Install it with `pip install .`, test it with `pytest`.
+`act` takes one number per feature and returns {answer}. Install it with `pip install .`, test it with `pytest`.
 
 ## The tree
 
