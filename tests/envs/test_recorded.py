@@ -84,10 +84,11 @@ class Counting(gymnasium.Env):
     """Counts how often it is made."""
 
     made = 0
+    high = 1
 
     def __init__(self) -> None:
         Counting.made += 1
-        self.observation_space = Box(-1, 1, (2,))
+        self.observation_space = Box(-1, self.high, (2,))
         self.action_space = Discrete(3, start=1)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
@@ -149,6 +150,18 @@ def test_a_folder_with_damaged_spaces_is_refused(run):
     config.write_text(tomli_w.dumps(content))
     with pytest.raises(RunError, match="not the spaces of an environment"):
         Run.open(path).resolve_env()
+
+
+def test_an_environment_that_has_changed_since_is_not_played(run, monkeypatch):
+    path, _ = run
+    loaded = sympol.load(path)
+    monkeypatch.setattr(Counting, "high", 2)
+    with pytest.raises(
+        ValueError, match=r"Counting-v0 has changed since this run was saved: its observation_space was"
+    ):
+        sympol.evaluate_policy(loaded, loaded.spec, 1)
+    named = sympol.load(path, env="Counting-v0")
+    assert named.spec.observation_space.high[0] == 2
 
 
 def test_the_lunar_lander_of_a_run_is_loaded_without_box2d(tmp_path, monkeypatch):

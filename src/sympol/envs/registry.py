@@ -138,7 +138,7 @@ def _open(
 ) -> Source:
     """Look at an environment in the form that training prefers; say how it was made, as a run keeps it."""
     if recorded is not None and entry.env is None and _is_listed(env):
-        source = Source(recorded, _later(env, kwargs, wrappers))
+        source = Source(recorded, _later(env, kwargs, wrappers, recorded))
     elif wrappers:
         inner = resolve(env, env_kwargs=kwargs, backend="host").make_host
         assert inner is not None
@@ -165,14 +165,23 @@ def _is_listed(env_id: str) -> bool:
     return env_id.rpartition(":")[2] in gymnasium.registry or lists(env_id)
 
 
-def _later(env_id: str, kwargs: dict[str, Any], wrappers: tuple[Wrapping, ...]) -> HostFactory:
-    """Return a function that makes an environment, which is looked at when the first is made."""
+def _later(
+    env_id: str, kwargs: dict[str, Any], wrappers: tuple[Wrapping, ...], recorded: Recorded
+) -> HostFactory:
+    """Return a function that makes an environment, which is compared with what was recorded when the first is made."""
 
     @cache
     def make_host() -> HostFactory:
-        found = resolve(env_id, env_kwargs=kwargs, wrappers=wrappers, backend="host").make_host
-        assert found is not None
-        return found
+        found = resolve(env_id, env_kwargs=kwargs, wrappers=wrappers, backend="host")
+        for space in ("observation_space", "action_space"):
+            was, now = getattr(recorded, space), getattr(found, space)
+            if was != now:
+                raise ValueError(
+                    f"{env_id} has changed since this run was saved: its {space} was {was} and is {now}; to use it "
+                    f"as it is now, name it: env={env_id!r}, or --env {env_id}"
+                )
+        assert found.make_host is not None
+        return found.make_host
 
     return lambda **options: make_host()(**options)
 
