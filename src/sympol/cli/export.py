@@ -42,7 +42,7 @@ class Export(PlaysRun):
     """
 
     tree: Folder
-    """A run's folder; or the .json or .txt of a tree."""
+    """A run's folder, a policy.json, or a listing in a .txt."""
 
     to: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join((*FORMATS, *PICTURES, PACKAGE))}}}")] = ""
     """The format, or its suffix, such as js or md. By default the one of --out, else python."""

@@ -56,8 +56,8 @@ class Train:
     the environment has."""
 
     start: Path | None = None
-    """The tree to start from: a run's folder, or a policy.json (edited, or written by hand). --depth is by default the
-    preset's or, if that is less, the tree's."""
+    """The tree to start from: a run's folder, a policy.json, or a listing in a .txt. By default --depth is that of the
+    preset, or that of the tree if it is deeper."""
 
     freeze_nodes: tuple[int, ...] = ()
     """Nodes of the --start tree that stay as they are, numbered as in policy.json, from 0, the root."""

@@ -44,7 +44,7 @@ class Verify(PlaysRun):
     """
 
     tree: Folder
-    """A run's folder, or a policy.json."""
+    """A run's folder, a policy.json, or a listing in a .txt."""
 
     properties: Path | None = None
     """A file of [[property]] tables; by default the safety.toml in the run's folder, if there is one."""
@@ -53,7 +53,7 @@ class Verify(PlaysRun):
     """One more rule, such as "when pole angle > 0.1 then action is push right"; may be given several times."""
 
     against: Path | None = None
-    """Another tree, a run's folder or a policy.json: prove that both act alike."""
+    """Another tree, in any of these forms: prove that both act alike."""
 
     everywhere: bool = False
     """For --property and --against: include observations outside the bounds of the space, infinities and NaN."""
