@@ -166,8 +166,8 @@ def _space(
     else:
         raise ValueError(
             "nothing says which features and actions there are: give like=, a tree of the same, or actions= and "
-            f"feature_names=, or start the text with a header between two lines {FENCE} that lists features and actions "
-            "(a header that only names an env is for commands)"
+            f"feature_names=, or start the text with a header between two lines {FENCE} that lists features and "
+            "actions (a header that only names an env is for commands)"
         )
     return replace(known, meta={**known.meta, **meta})
 
