@@ -106,9 +106,7 @@ class Agent(abc.ABC):
         freeze: Iterable[int] | str = (),
         **config: Any,
     ) -> None:
-        number = whole(seed)
-        if number is None or not 0 <= number < 2**32:
-            raise ValueError(f"seed must be a whole number from 0 to 2^32 - 1, got {seed!r}")
+        number = _checked_seed(seed)
         spec = (
             env
             if isinstance(env, EnvSpec)
@@ -423,14 +421,14 @@ def agent_of(
 
     Raises:
         ConfigError: The tree to start from does not fit the config.
-        ValueError: The tree to start from does not fit the environment.
+        ValueError: The seed is out of range, or the tree to start from does not fit the environment.
     """
     if start is not None:
         start.check(config)
         start = start.fitted(spec)
     kind = agent_class(config.algorithm)
     agent = kind.__new__(kind)
-    agent._set(spec, config, seed, preset, start)
+    agent._set(spec, config, _checked_seed(seed), preset, start)
     return agent
 
 
@@ -464,6 +462,13 @@ def load_run(run: Run) -> Agent:
     loop = make_loop(source, agent.config.static(), warm=agent.start is not None)
     agent.state = run.load_checkpoint(loop.saved_template())
     return agent
+
+
+def _checked_seed(seed: object) -> int:
+    number = whole(seed)
+    if number is None or not 0 <= number < 2**32:
+        raise ValueError(f"seed must be a whole number from 0 to 2^32 - 1, got {seed!r}")
+    return number
 
 
 def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | None) -> Config:
