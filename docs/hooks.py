@@ -23,8 +23,8 @@ def table() -> str:
     defaults = Config()
     for name, meaning in meanings().items():
         knob = KNOBS[name]
-        bounds = f"{knob.low:g} to {knob.high:g}" if None not in (knob.low, knob.high) else ""
-        bounds = bounds or (f"from {knob.low:g}" if knob.low is not None else ", ".join(knob.choices))
+        bounds = f"{knob.low:.12g} to {knob.high:.12g}" if None not in (knob.low, knob.high) else ""
+        bounds = bounds or (f"from {knob.low:.12g}" if knob.low is not None else ", ".join(knob.choices))
         only = ", ".join(knob.only)
         rows.append(f"| `{name}` | `{getattr(defaults, name)}` | {bounds} | {only} | {meaning} |")
     return "\n".join(rows)
