@@ -141,7 +141,7 @@ class Agent(abc.ABC):
         """Whether `learn` has compiled its program and takes steps."""
         self._warned = self._said_cut = False
         self._rng = np.random.default_rng(seed)
-        self._policy: tuple[TrainState | None, TrainedPolicy] | None = None
+        self._policy: TrainedPolicy | None = None
 
     @property
     def num_timesteps(self) -> int:
@@ -289,12 +289,9 @@ class Agent(abc.ABC):
     @property
     def policy(self) -> TrainedPolicy:
         """The policy that training has reached."""
-        if self._policy is None or self._policy[0] is not self.state:
-            self._policy = (
-                self.state,
-                TrainedPolicy(self.spec, self.config, self.seed, self.state, self.start),
-            )
-        return self._policy[1]
+        if self._policy is None or not self._policy.is_of(self.state):
+            self._policy = TrainedPolicy(self.spec, self.config, self.seed, self.state, self.start)
+        return self._policy
 
     @property
     def actor(self) -> Actor:

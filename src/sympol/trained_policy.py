@@ -41,6 +41,17 @@ class TrainedPolicy:
         self.spec, self.config, self.seed = spec, config, seed
         self._state, self._start = state, start
 
+    def is_of(self, state: TrainState | None) -> bool:
+        """Return whether this is the policy of a state of the training.
+
+        Args:
+            state: The state; None before the first steps.
+
+        Returns:
+            True if it is the very same object.
+        """
+        return self._state is state
+
     @property
     def state(self) -> TrainState:
         """The state of the training.

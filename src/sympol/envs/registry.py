@@ -195,10 +195,9 @@ def _entry(env_id: str) -> Entry:
     if module and env_id not in REGISTERED:
         import_named(module)
         entry = _entry(name)
-        is_plain = isinstance(entry.host, partial) and entry.host.func is make
-        return (
-            entry._replace(host=partial(make, env_id)) if is_plain else entry
-        )  # whose copies import it, too
+        if isinstance(entry.host, partial) and entry.host.func is make:
+            return entry._replace(host=partial(make, env_id))  # so that each copy imports the module, too
+        return entry
     ours = built_in(env_id)
     if _is_replaced(env_id):  # what Gymnasium makes of it is not what our forms do
         ours = Entry(host=partial(make, env_id))
