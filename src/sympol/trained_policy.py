@@ -16,6 +16,7 @@ from .algorithms.normalization import unbroken_bounds
 from .algorithms.state import TrainState
 from .algorithms.warm_start import Start
 from .envs.spec import EnvSpec
+from .policies.action_units import multiply_outputs, units_and_centers
 from .policies.actor import Actor
 from .policies.extract import extract_tree
 from .policies.tree import Tree
@@ -63,10 +64,13 @@ class TrainedPolicy:
             raise RuntimeError("there is no policy yet: call learn() first")
         return self._state
 
-    @property
+    @cached_property
     def actor(self) -> Actor:
-        """The actor."""
-        return self.state.validation.best_actor if self.config.select_best else self.state.networks.actor
+        """The actor, its outputs in the units of the environment."""
+        state = self.state
+        actor = state.validation.best_actor if self.config.select_best else state.networks.actor
+        units, _ = units_and_centers(self.spec.action_space, scaled=self.config.scale_actions)
+        return multiply_outputs(actor, units)
 
     @property
     def actions(self) -> ActionSpec:

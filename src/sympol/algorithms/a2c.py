@@ -10,22 +10,23 @@ from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from ..policies.distributions import Distribution
-from .algorithm import Algorithm, Experience, Metrics, mean_of, zeros_of
+from .algorithm import Experience, Metrics, mean_of, zeros_of
 from .config import Hyperparameters
-from .on_policy import Batch, coefficients, make_batch
+from .on_policy import Batch, OnPolicy, coefficients, make_batch
 from .optim import Networks, apply_gradients, frozen
 from .state import TrainState
 
 
-class A2C(Algorithm):
+class A2C(OnPolicy):
     """One optimizer step for each rollout, on all of its samples."""
 
     def update(
         self, hyper: Hyperparameters, state: TrainState, experience: Experience, key: PRNGKeyArray
     ) -> tuple[TrainState, Metrics]:
         """Take one step, accumulating the gradient chunk by chunk; see `Algorithm.update`."""
-        config, networks, num_chunks = self.config, state.networks, experience.num_chunks
-        samples = make_batch(config, self.distribution, hyper, networks, experience)
+        config, num_chunks = self.config, experience.num_chunks
+        samples, state = make_batch(config, self.distribution, hyper, state, experience)
+        networks = state.networks
         ent_coef, rate = coefficients(config, hyper, state)
 
         def gradient_of(chunk: Int[Array, ""]) -> tuple[Networks, Metrics]:

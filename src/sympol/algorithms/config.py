@@ -80,6 +80,15 @@ class Config:
     """Scale features with finite bounds by these bounds. Otherwise features are scaled by the mean and standard
     deviation of the first chunk of experience, which is used for nothing else."""
 
+    scale_actions: bool = knob(False)
+    """Sample continuous actions in units of about half the range of their bounds, from the middle of it; the tree
+    itself is in the environment's units, exactly. Without, the policy begins near 0 with a standard deviation of
+    exp(log_std_init) in the environment's units."""
+
+    normalize_returns: bool = knob(False)
+    """Let the critic learn returns at mean 0 and standard deviation 1, as they have been so far; the scale moves with
+    them, and its predictions stay what they are."""
+
     num_envs: int = knob(32, low=1, high=65536, search=Range(4, 16))
     """Environments stepped in parallel."""
 

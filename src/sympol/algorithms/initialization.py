@@ -9,7 +9,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Int, PRNGKeyArray
 
-from ..policies.distributions import Distribution
+from ..policies.action_units import add_to_outputs
+from ..policies.distributions import DiagonalGaussian, Distribution
 from ..policies.mlp import MLPActor
 from ..policies.soft_tree import SoftTree
 from ..policies.tree import Tree
@@ -71,6 +72,8 @@ def init_networks(
         log_std=hyper.log_std_init,
         **outputs,
     )
+    if isinstance(distribution, DiagonalGaussian):
+        actor = add_to_outputs(actor, np.asarray(distribution.centers, np.float32))
     critic = _network(config.critic, config, num_features, hyper, critic_key, hidden=config.critic_hidden)
     return Networks(actor, critic.net if isinstance(critic, MLPActor) else critic)
 

@@ -1,4 +1,4 @@
-"""Functions that on-policy algorithms share: samples with advantages, and the schedules of coefficients."""
+"""What on-policy algorithms share: samples with advantages, the scale of returns, the schedules of coefficients."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from jaxtyping import Float, Int
 from ..functional.advantages import fold_bootstrap, gae
 from ..policies.distributions import Distribution
 from ..types import Action, Transition
-from .algorithm import Experience
+from .algorithm import Algorithm, Experience
 from .config import Config, Hyperparameters
 from .optim import Networks
+from .return_scale import ReturnScale, rescale_critic
 from .state import TrainState
 
 
@@ -59,34 +60,45 @@ def _linear(progress: Float[Array, ""], end_factor: Float[Array, ""]) -> Float[A
     return 1 + (end_factor - 1) * jnp.clip(progress, 0, 1)
 
 
+class OnPolicy(Algorithm):
+    """An algorithm that learns from each rollout once, with a critic of state values."""
+
+    def init_memory(self, networks: Networks) -> ReturnScale | None:
+        """Return the scale of the critic before the first rollout, if returns are normalized."""
+        return ReturnScale.zeros() if self.config.normalize_returns else None
+
+
 def make_batch(
     config: Config,
     distribution: Distribution,
     hyper: Hyperparameters,
-    networks: Networks,
+    state: TrainState,
     experience: Experience,
-) -> Batch:
+) -> tuple[Batch, TrainState]:
     """Compute values, log-probabilities and advantages of a rollout, chunk by chunk from its end.
 
     Args:
         config: The configuration.
         distribution: The distribution that the actor parametrizes.
         hyper: The traced hyperparameters.
-        networks: The networks that collected the rollout.
+        state: The state of the training, with the networks that collected the rollout.
         experience: The rollout.
 
     Returns:
-        One row for each sample of the buffer; rows beyond the valid chunks mean nothing.
+        One row for each sample of the buffer, where rows beyond the valid chunks mean nothing; and the state to learn
+        from them, whose critic has the scale of the value targets.
     """
+    networks, returns = state.networks, state.memory
     rollout, next_x, num_chunks = experience.rollout, experience.next_x, experience.num_chunks
     max_chunks, chunk_steps, num_envs = rollout.reward.shape
     policy, log_std = networks.actor.rollout(), networks.actor.log_std
 
     def value_of(x: Float[Array, "*batch features"]) -> Float[Array, "*batch"]:
-        return networks.critic(x.reshape(-1, x.shape[-1]))[:, 0].reshape(x.shape[:-1])
+        output = networks.critic(x.reshape(-1, x.shape[-1]))[:, 0].reshape(x.shape[:-1])
+        return output if returns is None else returns.to_value(output)
 
     def one_chunk(i: Int[Array, ""], carry: Any) -> Any:
-        (next_value, next_advantage, moments), buffers = carry
+        (next_value, next_advantage, moments, sums), buffers = carry
         index = num_chunks - 1 - i
         chunk: Transition = jax.tree.map(lambda a: a[index], rollout)
         value = value_of(chunk.observation)
@@ -113,19 +125,41 @@ def make_batch(
         buffers = jax.tree.map(
             lambda b, r: jax.lax.dynamic_update_index_in_dim(b, r, index, 0), buffers, rows
         )
-        moments = (moments[0] + jnp.mean(advantage), moments[1] + jnp.mean(advantage**2))
-        return (value[0], advantage[0], moments), buffers
+        moments = _add_moments(moments, advantage)
+        if returns is not None:
+            largest = jnp.max(jnp.abs(hyper.reward_scale * chunk.reward))
+            sums = (*_add_moments(sums[:2], advantage + value), jnp.maximum(sums[2], largest))
+        return (value[0], advantage[0], moments, sums), buffers
 
     empty = tuple(jnp.zeros_like(rollout.reward) for _ in range(3))
     zero = jnp.float32(0)
-    start = ((value_of(next_x), jnp.zeros(num_envs), (zero, zero)), empty)
-    (_, _, moments), (log_prob, advantage, target) = jax.lax.fori_loop(0, num_chunks, one_chunk, start)
+    begin = (
+        value_of(next_x),
+        jnp.zeros(num_envs),
+        (zero, zero),
+        () if returns is None else (zero, zero, zero),
+    )
+    (*_, moments, sums), (log_prob, advantage, target) = jax.lax.fori_loop(
+        0, num_chunks, one_chunk, (begin, empty)
+    )
+    count = num_chunks.astype(jnp.float32)
+    if returns is not None:
+        moved = returns.after(sums[0] / count, sums[1] / count, sums[2])
+        critic = rescale_critic(networks.critic, returns, moved)
+        state = state._replace(networks=networks._replace(critic=critic), memory=moved)
+        target = moved.to_output(target)
     if config.norm_adv:
-        mean, square = (m / num_chunks.astype(jnp.float32) for m in moments)
+        mean, square = (m / count for m in moments)
         std = jnp.sqrt(jnp.maximum(square - mean**2, 0))
         advantage = (advantage - mean) / (std + 1e-8)
 
     def flat(a: Array) -> Array:
         return a.reshape(max_chunks * chunk_steps * num_envs, *a.shape[3:])
 
-    return jax.tree.map(flat, Batch(rollout.observation, rollout.action, log_prob, advantage, target))
+    batch = Batch(rollout.observation, rollout.action, log_prob, advantage, target)
+    return jax.tree.map(flat, batch), state
+
+
+def _add_moments(sums: tuple[Array, Array], values: Array) -> tuple[Array, Array]:
+    """Add the mean and the mean square of values."""
+    return sums[0] + jnp.mean(values), sums[1] + jnp.mean(values**2)

@@ -11,14 +11,14 @@ from jaxtyping import Float, Int, PRNGKeyArray
 
 from ..functional.shuffle import Shuffle
 from ..policies.distributions import Distribution
-from .algorithm import Algorithm, Experience, Metrics, mean_of, zeros_of
+from .algorithm import Experience, Metrics, mean_of, zeros_of
 from .config import Hyperparameters
-from .on_policy import Batch, coefficients, make_batch
+from .on_policy import Batch, OnPolicy, coefficients, make_batch
 from .optim import Networks, apply_gradients, frozen
 from .state import TrainState
 
 
-class PPO(Algorithm):
+class PPO(OnPolicy):
     """Several epochs of minibatch steps on the clipped surrogate of each rollout."""
 
     def update(
@@ -26,7 +26,7 @@ class PPO(Algorithm):
     ) -> tuple[TrainState, Metrics]:
         """Take ``num_epochs`` passes over the rollout; see `Algorithm.update`."""
         config, distribution, stage = self.config, self.distribution, experience.stage
-        samples = make_batch(config, distribution, hyper, state.networks, experience)
+        samples, state = make_batch(config, distribution, hyper, state, experience)
         ent_coef, rate = coefficients(config, hyper, state)
         mask = frozen(config, state)
 

@@ -44,7 +44,9 @@ def make_loop(source: Env | EnvSpec, config: Config, *, warm: bool = False, mesh
     on_host = isinstance(source, EnvSpec)
     features = len(source.features.names) if on_host else source.observation_space.shape[0]
     make_algorithm = algorithm_class(config.algorithm)
-    algorithm = make_algorithm(config, distribution_of(source.action_space), features)
+    algorithm = make_algorithm(
+        config, distribution_of(source.action_space, scaled=config.scale_actions), features
+    )
     if on_host:
         return Loop(config, algorithm, HostRollouts(source, config, algorithm), warm=warm)
     return Loop(config, algorithm, JaxRollouts(source, config, algorithm, mesh), warm=warm)
@@ -103,7 +105,7 @@ class Trainer:
         self._program = make_program(source, config, warm=start is not None)
         self._initial = self._program.template
         if start is not None:
-            actor, warm = start.parameters(config, seed)
+            actor, warm = start.parameters(config, seed, source.action_space)
             networks = self._initial.networks._replace(actor=actor)
             self._initial = self._initial._replace(networks=networks, warm=warm)
         self._hyper, self._seed = config.hyperparameters(), np.uint32(seed)

@@ -6,12 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
 from ..envs.spec import EnvSpec
+from ..policies.action_units import multiply_outputs, units_and_centers
 from ..policies.embed import embed, leaf_logits, places
 from ..policies.tree import Tree
 from ..trees import DecisionTree
@@ -147,12 +149,13 @@ class Start:
         origin_return, freeze = known.pop("return_mean", None), known.pop("freeze")
         return cls(tree, freeze=tuple(freeze), origin_return=origin_return, **known)
 
-    def parameters(self, config: Config, seed: int) -> tuple[Tree, WarmStartState]:
+    def parameters(self, config: Config, seed: int, space: gymnasium.Space) -> tuple[Tree, WarmStartState]:
         """Compute the parameters of the actor that training begins with, on the host.
 
         Args:
             config: The config of the training.
             seed: The seed of the training, for the splits that the tree does not have.
+            space: The action space, whose range is the unit of continuous actions.
 
         Returns:
             The actor over raw observations, and the state that keeps its frozen parts.
@@ -169,6 +172,8 @@ class Start:
             surrogate=config.surrogate,
             temperature=config.temperature,
         )
+        units, _ = units_and_centers(space, scaled=config.scale_actions)
+        actor = multiply_outputs(actor, 1 / units)
         kept = where.split >= 0
         leaves = (self.tree.is_leaf & frozen)[where.leaf]
         splits = np.where(kept, frozen[where.split], _all_below(leaves))

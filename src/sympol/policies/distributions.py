@@ -18,6 +18,7 @@ from jax import Array
 from jaxtyping import Float, PRNGKeyArray
 
 from ..types import Action
+from .action_units import units_and_centers
 
 HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -218,11 +219,21 @@ class MultiCategorical:
 
 @dataclass(frozen=True)
 class DiagonalGaussian:
-    """``Box``: outputs are means, one standard deviation an action dimension whatever the state."""
+    """``Box``: outputs are means, one standard deviation an action dimension whatever the state.
+
+    Attributes:
+        low: The lower bounds, in the environment's units.
+        high: The upper bounds.
+        shape: The shape of an action.
+        units: The unit of each dimension in which actions are sampled (`sympol.policies.action_units`).
+        centers: The middle of the range of each dimension, in that unit.
+    """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     shape: tuple[int, ...]
+    units: tuple[float, ...]
+    centers: tuple[float, ...]
 
     @property
     def num_outputs(self) -> int:
@@ -256,14 +267,28 @@ class DiagonalGaussian:
         return jnp.broadcast_to(jnp.sum(log_std + HALF_LOG_2PI + 0.5), outputs.shape[:-1])
 
     def to_env(self, action: Action) -> Action:
-        """Clipped to the bounds, in the space's shape."""
+        """In the environment's units, clipped to the bounds, in the space's shape."""
         low, high = (_like(jnp.asarray(b, jnp.float32), action) for b in (self.low, self.high))
+        if any(unit != 1 for unit in self.units):
+            action = action * _like(jnp.asarray(self.units, jnp.float32), action)
         clipped = jnp.clip(action, low, high)
         return clipped.reshape(action.shape[:-1] + self.shape)
 
 
-def distribution_of(space: gymnasium.Space) -> Distribution:
-    """The distribution over the actions of a Gymnasium space."""
+def distribution_of(space: gymnasium.Space, *, scaled: bool = False) -> Distribution:
+    """Return the distribution over the actions of a Gymnasium space.
+
+    Args:
+        space: The space.
+        scaled: Whether continuous actions are sampled in units of about half their range instead of the
+            environment's.
+
+    Returns:
+        The distribution.
+
+    Raises:
+        TypeError: The space is not supported.
+    """
     match space:
         case gymnasium.spaces.Discrete():
             return Categorical(int(space.n))
@@ -273,6 +298,7 @@ def distribution_of(space: gymnasium.Space) -> Distribution:
             low, high = (
                 tuple(bound.astype(np.float32).ravel().tolist()) for bound in (space.low, space.high)
             )
-            return DiagonalGaussian(low, high, space.shape)
+            units, centers = units_and_centers(space, scaled=scaled)
+            return DiagonalGaussian(low, high, space.shape, tuple(units.tolist()), tuple(centers.tolist()))
         case _:
             raise TypeError(f"no distribution over {space}; actions are Discrete, MultiDiscrete or Box")

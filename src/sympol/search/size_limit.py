@@ -28,6 +28,7 @@ from ..algorithms.config import Config
 from ..algorithms.state import TrainState
 from ..algorithms.trainer import stops
 from ..envs.spec import EnvSpec
+from ..policies.action_units import multiply_outputs, units_and_centers
 from ..policies.extract import extract_tree
 from ..policies.tree import Tree
 from ..trees import DecisionTree
@@ -131,7 +132,9 @@ def mask_state(state: TrainState, full: DecisionTree, spec: EnvSpec, config: Con
     small = prune_within(full, spec, config, seed)
     spare = 0 if config.node_price else max(0, config.max_nodes - small.n_nodes) // 2
     shift, scale = (np.asarray(part) for part in state.normalizer)
-    actor = mask_nodes(best, shift, scale, small, spare)
+    units, _ = units_and_centers(spec.action_space, scaled=config.scale_actions)
+    masked = mask_nodes(multiply_outputs(best, units), shift, scale, small, spare)
+    actor = eqx.tree_at(lambda a: a.log_std, multiply_outputs(masked, 1 / units), best.log_std)
     validation = state.validation._replace(
         best_return=jnp.float32(-jnp.inf),
         best_actor=actor,
