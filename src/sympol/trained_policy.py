@@ -116,7 +116,7 @@ class TrainedPolicy:
                 f"{self.config.policy} is no tree; make one of it with `sympol distill` or sympol.distill_policy"
             )
         shift, scale = (np.asarray(part) for part in self.state.normalizer)
-        extract = extract_unmasked if has_limit(self.config) else extract_tree
+        extract = extract_unmasked if has_limit(self.config) or self.config.grow_splits else extract_tree
         return extract(actor, shift, scale, **self.metadata())
 
     @cached_property

@@ -176,6 +176,11 @@ class Config:
     gae_lambda: float = knob(0.95, low=0, high=1, traced=True, search=(0.8, 0.9, 0.95, 0.99))
     """λ of generalized advantage estimation."""
 
+    target_kl: float = knob(0.0, low=0, high=10, only=("ppo",))
+    """Where the policy moves further than this in one rollout (the Kullback-Leibler divergence from the policy that
+    collected it), the remaining epochs are skipped and the actor's learning rates fall; where it moves less than half
+    as far, they rise. 0 does neither."""
+
     clip_eps: float = knob(0.2, low=1e-6, high=100, traced=True, only=("ppo",))
     """The largest distance of the probability ratio from 1 that PPO rewards."""
 
@@ -199,6 +204,11 @@ class Config:
     threshold_std_init: float = knob(0.3, low=0, high=1000, traced=True, only=("tree",))
     """Initial standard deviation of normally distributed thresholds, in scaled units. Splits beyond the observations
     that are visited at first decide nothing and hardly learn."""
+
+    grow_splits: bool = knob(False, only=("tree",))
+    """Begin with a single leaf, and split a leaf where the policy gradient of a rollout differs on the two sides of the
+    best split by more than chance; gradient descent trains what is there. Without, all splits are there from the
+    start, at random. A training that starts from a tree grows nothing."""
 
     reward_scale: float = knob(1.0, low=1e-9, high=1e9, traced=True)
     """Factor of the rewards in learning, never in reports. The critic learns best where returns are about 1."""

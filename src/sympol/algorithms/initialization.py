@@ -15,6 +15,7 @@ from ..policies.mlp import MLPActor
 from ..policies.soft_tree import SoftTree
 from ..policies.tree import Tree
 from .config import Config, Hyperparameters
+from .split_growth import closed
 from .state import Networks
 
 Purpose: TypeAlias = Literal["init", "train", "validation"]
@@ -74,6 +75,8 @@ def init_networks(
     )
     if isinstance(distribution, DiagonalGaussian):
         actor = add_to_outputs(actor, np.asarray(distribution.centers, np.float32))
+    if config.grow_splits and isinstance(actor, Tree):
+        actor = closed(actor)
     critic = _network(config.critic, config, num_features, hyper, critic_key, hidden=config.critic_hidden)
     return Networks(actor, critic.net if isinstance(critic, MLPActor) else critic)
 

@@ -16,6 +16,7 @@ from .algorithm import Algorithm, Experience
 from .config import Config, Hyperparameters
 from .optim import Networks
 from .return_scale import ReturnScale, rescale_critic
+from .split_growth import grow, output_gradients
 from .state import TrainState
 
 
@@ -60,12 +61,43 @@ def _linear(progress: Float[Array, ""], end_factor: Float[Array, ""]) -> Float[A
     return 1 + (end_factor - 1) * jnp.clip(progress, 0, 1)
 
 
+class OnPolicyMemory(NamedTuple):
+    """What is kept from one rollout to the next.
+
+    Attributes:
+        returns: The scale of the critic; None where returns are not normalized.
+        actor_rate: The factor of the actor's learning rates; None where no divergence is aimed at.
+    """
+
+    returns: ReturnScale | None
+    actor_rate: Float[Array, ""] | None
+
+
 class OnPolicy(Algorithm):
     """An algorithm that learns from each rollout once, with a critic of state values."""
 
-    def init_memory(self, networks: Networks) -> ReturnScale | None:
-        """Return the scale of the critic before the first rollout, if returns are normalized."""
-        return ReturnScale.zeros() if self.config.normalize_returns else None
+    def init_memory(self, networks: Networks) -> OnPolicyMemory:
+        """Return what is kept before the first rollout."""
+        returns = ReturnScale.zeros() if self.config.normalize_returns else None
+        return OnPolicyMemory(returns, jnp.float32(1) if self.config.target_kl else None)
+
+    def grown(self, state: TrainState, batch: Batch) -> TrainState:
+        """Return the state after its tree has grown (`split_growth`), if it does.
+
+        Args:
+            state: The state of the training.
+            batch: The samples of the rollout, of which those of the first chunk count.
+
+        Returns:
+            The state, with another actor that acts as the one before.
+        """
+        actor: Any = state.networks.actor
+        if not (self.config.grow_splits and state.warm is None):
+            return state
+        first = jax.tree.map(lambda a: a[: self.config.chunk_size], batch)
+        gradients = output_gradients(self.distribution, actor, first.x, first.action, first.advantage)
+        actor = grow(actor, first.x, gradients, 2**self.config.depth)
+        return state._replace(networks=state.networks._replace(actor=actor))
 
 
 def make_batch(
@@ -88,7 +120,7 @@ def make_batch(
         One row for each sample of the buffer, where rows beyond the valid chunks mean nothing; and the state to learn
         from them, whose critic has the scale of the value targets.
     """
-    networks, returns = state.networks, state.memory
+    networks, returns = state.networks, state.memory.returns
     rollout, next_x, num_chunks = experience.rollout, experience.next_x, experience.num_chunks
     max_chunks, chunk_steps, num_envs = rollout.reward.shape
     policy, log_std = networks.actor.rollout(), networks.actor.log_std
@@ -146,7 +178,9 @@ def make_batch(
     if returns is not None:
         moved = returns.after(sums[0] / count, sums[1] / count, sums[2])
         critic = rescale_critic(networks.critic, returns, moved)
-        state = state._replace(networks=networks._replace(critic=critic), memory=moved)
+        state = state._replace(
+            networks=networks._replace(critic=critic), memory=state.memory._replace(returns=moved)
+        )
         target = moved.to_output(target)
     if config.norm_adv:
         mean, square = (m / count for m in moments)

@@ -6,12 +6,17 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float, Int, PRNGKeyArray
 
 from ..functional import hard_tree, leaf_index, select
 from ..functional.hard_tree import Surrogate
 from ..functional.random import normals
+
+MASKED = float(np.finfo(np.float32).max)
+"""The threshold of a closed node, which sends everything to one side and has no gradient: the largest float32. Division
+by a temperature may turn it into infinity, which has the same effect."""
 
 
 class RolloutTree(NamedTuple):

@@ -30,7 +30,7 @@ from ..algorithms.trainer import stops
 from ..envs.spec import EnvSpec
 from ..policies.action_units import multiply_outputs, units_and_centers
 from ..policies.extract import extract_tree
-from ..policies.tree import Tree
+from ..policies.tree import MASKED, Tree
 from ..trees import DecisionTree
 from ..trees.preorder import complete_order
 from ..trees.prune import select_nodes
@@ -40,8 +40,6 @@ from .prune_by_return import prune_by_return
 FREE, FREE_GROWING = 0.5, 0.25
 """The part of a training before the limit is imposed. Where rollouts and batches grow (`Config.dynamic_rollout`), most
 updates come early: after half of the steps too few would be left to recover the loss by pruning."""
-MASKED = float(np.finfo(np.float32).max)
-"""The largest float32; division by a temperature may turn it into infinity, which has the same effect."""
 
 
 def has_limit(config: Config) -> bool:
