@@ -26,7 +26,7 @@ class A2C(OnPolicy):
         """Take one step, accumulating the gradient chunk by chunk; see `Algorithm.update`."""
         config, num_chunks = self.config, experience.num_chunks
         samples, state = make_batch(config, self.distribution, hyper, state, experience)
-        state = self.grown(state, samples)
+        state = self.grown(state, samples, experience.stage)
         networks = state.networks
         ent_coef, rate = coefficients(config, hyper, state)
 

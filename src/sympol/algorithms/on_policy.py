@@ -81,12 +81,13 @@ class OnPolicy(Algorithm):
         returns = ReturnScale.zeros() if self.config.normalize_returns else None
         return OnPolicyMemory(returns, jnp.float32(1) if self.config.target_kl else None)
 
-    def grown(self, state: TrainState, batch: Batch) -> TrainState:
+    def grown(self, state: TrainState, batch: Batch, stage: Int[Array, ""]) -> TrainState:
         """Return the state after its tree has grown (`split_growth`), if it does.
 
         Args:
             state: The state of the training.
-            batch: The samples of the rollout, of which those of the first chunk count.
+            batch: The samples of the rollout.
+            stage: How often the rollout has doubled.
 
         Returns:
             The state, with another actor that acts as the one before.
@@ -94,9 +95,8 @@ class OnPolicy(Algorithm):
         actor: Any = state.networks.actor
         if not (self.config.grow_splits and state.warm is None):
             return state
-        first = jax.tree.map(lambda a: a[: self.config.chunk_size], batch)
-        gradients = output_gradients(self.distribution, actor, first.x, first.action, first.advantage)
-        actor = grow(actor, first.x, gradients, 2**self.config.depth)
+        gradients = output_gradients(self.distribution, actor, batch.x, batch.action, batch.advantage)
+        actor = grow(actor, batch.x, gradients, self.config.chunk_size << stage, 2**self.config.depth)
         return state._replace(networks=state.networks._replace(actor=actor))
 
 

@@ -34,7 +34,7 @@ class PPO(OnPolicy):
         """Take ``num_epochs`` passes over the rollout; see `Algorithm.update`."""
         config, distribution, stage = self.config, self.distribution, experience.stage
         samples, state = make_batch(config, distribution, hyper, state, experience)
-        state = self.grown(state, samples)
+        state = self.grown(state, samples, experience.stage)
         ent_coef, rate = coefficients(config, hyper, state)
         mask = frozen(config, state)
 

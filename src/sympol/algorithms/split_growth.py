@@ -27,13 +27,15 @@ from ..policies.distributions import Distribution
 from ..policies.embed import MARGIN
 from ..policies.tree import MASKED, Tree
 
-FEWEST = 8
+import os as _os
+
+FEWEST = int(_os.environ.get("FEWEST", "8"))
 """Samples that each side of a new split must have."""
 
 NUM_EDGES = 32
 """Thresholds that are tried for each feature: quantiles of the rollout."""
 
-CHANCE = 0.05
+CHANCE = float(_os.environ.get("CHANCE", "0.05"))
 """The probability that a leaf is split where there is nothing to gain."""
 
 
@@ -72,7 +74,11 @@ def output_gradients(
 
 
 def grow(
-    tree: Tree, x: Float[Array, "batch features"], gradients: Float[Array, "batch outputs"], most_leaves: int
+    tree: Tree,
+    x: Float[Array, "batch features"],
+    gradients: Float[Array, "batch outputs"],
+    num_valid: Int[Array, ""] | int,
+    most_leaves: int,
 ) -> Tree:
     """Split the leaves for which the gradients of a rollout justify it.
 
@@ -80,6 +86,7 @@ def grow(
         tree: The actor.
         x: Scaled observations.
         gradients: What `output_gradients` returned.
+        num_valid: Only so many of the first samples count.
         most_leaves: No leaf is split beyond so many.
 
     Returns:
@@ -90,6 +97,7 @@ def grow(
     is_closed = tree.thresholds[:, 0] >= MASKED
     top = _closed_above(is_closed, num_leaves)
     leaf = leaf_index(*select(tree.feature_logits, tree.thresholds), x)
+    leaf = jnp.where(jnp.arange(batch) < num_valid, leaf, num_leaves)  # out of range: dropped
 
     edges = jnp.sort(x, axis=0)[(jnp.arange(NUM_EDGES) * batch) // NUM_EDGES]
     gain, at = _best_splits(leaf, x, gradients, edges, num_leaves)
@@ -151,7 +159,7 @@ def _best_splits(
     bins = jax.vmap(lambda e, c: jnp.searchsorted(e, c, side="left"), (1, 1), 1)(edges, x)  # edges below x
     cell = (leaf[:, None] * num_features + jnp.arange(num_features)[None]) * (NUM_EDGES + 1) + bins
     sums: Any = jnp.zeros((num_leaves * num_features * (NUM_EDGES + 1), moments.shape[1]))
-    sums = sums.at[cell.reshape(-1)].add(jnp.repeat(moments, num_features, axis=0), mode="promise_in_bounds")
+    sums = sums.at[cell.reshape(-1)].add(jnp.repeat(moments, num_features, axis=0), mode="drop")
     sums = sums.reshape(num_leaves, num_features, NUM_EDGES + 1, -1)
     left = jnp.cumsum(sums, axis=2)[:, :, :-1]
     total = jnp.sum(sums, axis=2, keepdims=True)
