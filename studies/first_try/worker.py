@@ -1,5 +1,7 @@
 """One record of the study: train a method on a task with a seed, and test what it has learnt.
 
+    python -m studies.first_try.worker '{"set": "development", "env": "lake", "method": "sb3", "seed": 0, "settings": {}}'
+
 `judge` runs it in a process of its own, so that no training meets what another one has left behind.
 """
 
@@ -7,7 +9,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -18,6 +19,7 @@ import numpy as np
 
 import sympol
 
+from ..benchmarks.timing import arguments_of, machine
 from . import development
 from .tasks import Task
 
@@ -127,9 +129,9 @@ def measure(task: Task, method: str, seed: int, settings: dict[str, Any]) -> lis
 
 def main() -> None:
     """Read what to measure as JSON from the command line; print the records as the last line."""
-    from ..benchmarks.timing import machine
-
-    given = json.loads(sys.argv[1])
+    parser = arguments_of(__doc__)
+    parser.add_argument("wanted", type=json.loads, metavar="JSON")
+    given = parser.parse_args().wanted
     warnings.simplefilter("ignore")  # an environment without a time limit, equal episodes: the returns tell
     task = tasks_of(given["set"])[given["env"]]
     records = measure(task, given["method"], given["seed"], given["settings"])
