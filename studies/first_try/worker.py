@@ -1,6 +1,6 @@
 """One record of the study: train a method on a task with a seed, and test what it has learnt.
 
-    python -m studies.first_try.worker '{"set": "development", "env": "lake", "method": "sb3", "seed": 0, "settings": {}}'
+    python -m studies.first_try.worker '{"set": "development", "env": "lake", "method": "rule", "seed": 0}'
 
 `judge` runs it in a process of its own, so that no training meets what another one has left behind.
 """
@@ -134,7 +134,7 @@ def main() -> None:
     given = parser.parse_args().wanted
     warnings.simplefilter("ignore")  # an environment without a time limit, equal episodes: the returns tell
     task = tasks_of(given["set"])[given["env"]]
-    records = measure(task, given["method"], given["seed"], given["settings"])
+    records = measure(task, given["method"], given["seed"], given.get("settings", {}))
     about = machine()
     about = {key: about[key] for key in ("date", "commit", "cpu", "load", "versions")}
     print(json.dumps([{**record, "machine": about} for record in records]))
