@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 from jax import Array
-from jaxtyping import Int, PRNGKeyArray
+from jaxtyping import Float32, Int, PRNGKeyArray
 
 from ..envs.errors import EnvironmentFailure
 from ..envs.spec import EnvSpec
@@ -36,8 +36,7 @@ class HostRollouts(Rollouts):
     """
 
     def __init__(self, spec: EnvSpec, config: Config, algorithm: Algorithm) -> None:
-        self._quota = -(-config.num_eval_episodes // config.num_envs)
-        limit = validation_limit(spec.max_episode_steps, config, self._quota * config.num_envs)
+        limit = validation_limit(spec.max_episode_steps, config, config.num_eval_episodes)
         super().__init__(config, algorithm, spec.features, limit)
         self._spec = spec
         self._envs: Any = None
@@ -148,27 +147,25 @@ class HostRollouts(Rollouts):
                 array[chunk, step_of_chunk] = row  # pyright: ignore[reportIndexIssue]
         return self._scaled(state, rollout, self._observation, stage)
 
-    def evaluate(self, state: TrainState, seed: Any) -> tuple[np.float32, bool]:
-        """See `Rollouts.evaluate`; every copy plays the same number of episodes.
-
-        An episode that reaches `limit` is cut there: its copy is reset, and the next one is an episode of its own.
-        """
+    def evaluate(
+        self, state: TrainState, seed: Any, num_episodes: int | None = None
+    ) -> tuple[Float32[np.ndarray, " episodes"], bool]:
+        """See `Rollouts.evaluate`. An episode that reaches `limit` is cut there, and its copy begins the next one."""
         with _with_step(int(state.timestep), "in validation"):
-            return self._play(state, int(seed))
+            return self._play(state, int(seed), num_episodes or self.config.num_eval_episodes)
 
-    def _play(self, state: TrainState, seed: int) -> tuple[np.float32, bool]:
-        num_envs, quota, envs = self.config.num_envs, self._quota, self._open()
-        running, played, total = np.zeros(num_envs), np.zeros(num_envs, int), 0.0
+    def _play(
+        self, state: TrainState, seed: int, num_episodes: int
+    ) -> tuple[Float32[np.ndarray, " episodes"], bool]:
+        envs, returns = self._open(), np.zeros(num_episodes)
         policy = self._for_acting(state.networks.actor)
-        observation = envs.reset(host_seed(seed, "validation"))
-        while np.any(playing := played < quota):
+        observation = envs.reset(host_seed(seed, "validation"), num_episodes)
+        while np.any(playing := envs.episode < num_episodes):
+            episode = envs.episode[playing]
             action = self._decide(policy, state.normalizer, observation)
             step, observation = envs.step(np.asarray(action), playing, self.limit)
-            running = running + step.reward
-            done = step.terminated | step.truncated
-            total += float(running[done & playing].sum())
-            played, running = played + done, np.where(done, 0, running)
-        return np.float32(total / (quota * num_envs)), bool(envs.was_cut)
+            returns[episode] += step.reward[playing]
+        return returns.astype(np.float32), bool(envs.was_cut)
 
     def close(self) -> None:
         """See `Rollouts.close`."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int, Int32, Shaped, UInt64
+from jaxtyping import Bool, Float32, Float64, Int, Int32, Int64, Shaped, UInt64
 from numpy import ndarray
 
 from ..types import Step
@@ -93,10 +93,26 @@ def steps_to_goal(
         steps = nearer
 
 
+def nth_episode_seed(seed: int, episode: int, dtype: Any = np.uint32) -> int:
+    """Return the seed of one episode of those that `VectorEnvs.reset` begins.
+
+    Args:
+        seed: The seed of all these episodes.
+        episode: The number of the episode, from 0.
+        dtype: The type of the seed, `numpy.uint32` or `numpy.uint64`.
+
+    Returns:
+        The seed. It is even, as no test episode's is (`sympol.play.episode_seed`).
+    """
+    return int(np.random.SeedSequence([seed, episode]).generate_state(1, dtype)[0]) & ~1
+
+
 class VectorEnvs(Protocol):
     """E copies of an environment that are stepped together on the host and restart by themselves.
 
-    `sympol.envs.host.HostEnvs` is the form for any Gymnasium environment.
+    The episodes are numbered: copy i plays those with the numbers i, i + E, i + 2 E and so on, and the seed of each
+    follows from its number (`nth_episode_seed`), not from what happened before. `sympol.envs.host.HostEnvs` is the
+    form for any Gymnasium environment.
     """
 
     @property
@@ -109,14 +125,21 @@ class VectorEnvs(Protocol):
         """True where `step` has truncated an episode at its ``max_steps`` since `reset`."""
         ...
 
-    def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
-        """Start an episode in every copy, each with its own seed derived from this one.
+    @property
+    def episode(self) -> Int64[ndarray, " envs"]:
+        """The number of the episode that each copy plays."""
+        ...
+
+    def reset(self, seed: int, num_episodes: int | None = None) -> Float32[ndarray, "envs features"]:
+        """Start the episode in every copy whose number is that of the copy.
 
         Args:
-            seed: The seed.
+            seed: The seed that all episodes' seeds are derived from.
+            num_episodes: How many episodes there are: those with this number and above do not begin. By default
+                there is no end of them.
 
         Returns:
-            The first observations.
+            The first observations; of copies without an episode, zeros.
         """
         ...
 

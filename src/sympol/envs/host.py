@@ -13,10 +13,11 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from jaxtyping import Bool, Float32, Shaped
+from jaxtyping import Bool, Float32, Int64, Shaped
 from numpy import ndarray
 
 from ..types import Step
+from .capabilities import nth_episode_seed
 from .errors import EnvironmentFailure
 from .spaces import LARGEST, Features, describe, native_actions
 
@@ -211,27 +212,28 @@ class HostEnvs:
         """True where `step` has cut an episode at its ``max_steps`` since `reset`."""
         return any(copy.was_cut for copy in self._copies)
 
-    def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
-        """Start an episode in every copy.
+    @property
+    def episode(self) -> Int64[ndarray, " envs"]:
+        """The number of the episode that each copy plays."""
+        return np.array([copy.episode for copy in self._copies])
 
-        Each copy gets its own seed derived from this one; with ``seed + index`` two trainings would share most. They
-        are even: no test episode has such a seed (`sympol.play.episode_seed`).
+    def reset(self, seed: int, num_episodes: int | None = None) -> Float32[ndarray, "envs features"]:
+        """Start the episode in every copy whose number is that of the copy; see `VectorEnvs.reset`.
 
         Args:
-            seed: The seed.
+            seed: The seed that all episodes' seeds are derived from.
+            num_episodes: How many episodes there are; by default there is no end of them.
 
         Returns:
-            The first observations.
+            The first observations; of copies without an episode, zeros.
 
         Raises:
             EnvironmentFailure: A copy raised an error, or returned NaN or infinity.
         """
-        seeds: list[int | None] = [
-            word & ~1 for word in np.random.SeedSequence(seed).generate_state(self.num_envs).tolist()
-        ]
-        for copy in self._copies:
+        for index, copy in enumerate(self._copies):
             copy.was_cut = False
-        observation, _ = self._envs.reset(seed=seeds)
+            copy.plan = _Plan(seed, index, self.num_envs, num_episodes)
+        observation, _ = self._envs.reset()
         require_held("an observation", observation, self._names)
         return observation.copy()
 
@@ -300,6 +302,21 @@ class _Maker:
             self.made.close()
 
 
+class _Plan:
+    """The episodes that one copy plays."""
+
+    def __init__(self, seed: int, index: int, num_envs: int, num_episodes: int | None) -> None:
+        self._seed, self._num_envs, self._num_episodes = seed, num_envs, num_episodes
+        self._next = self.episode = index
+
+    def next_seed(self) -> int | None:
+        """Return the seed of the next episode, or None after the last."""
+        self.episode, self._next = self._next, self._next + self._num_envs
+        if self._num_episodes is not None and self.episode >= self._num_episodes:
+            return None
+        return nth_episode_seed(self._seed, self.episode)
+
+
 class _FlatEnv(gymnasium.Wrapper):
     """Flattens the observation, into a new array: an environment may reuse its own at the next reset.
 
@@ -313,10 +330,17 @@ class _FlatEnv(gymnasium.Wrapper):
         self.observation_space = Box(features.low, features.high, dtype=np.float32)
         self.max_steps: int | None = None
         self.was_cut, self.rests = False, False
-        self._steps, self._last = 0, np.zeros(0, np.float32)
+        self.plan = _Plan(0, index, index + 1, None)
+        self._steps, self._last = 0, np.zeros(len(features.names), np.float32)
 
-    def reset(self, **options: Any) -> tuple[Float32[ndarray, " features"], dict[str, Any]]:
-        self._steps, self._last = 0, self._flatten(begin(self.env, self.who, **options))
+    @property
+    def episode(self) -> int:
+        return self.plan.episode
+
+    def reset(self, **_: Any) -> tuple[Float32[ndarray, " features"], dict[str, Any]]:
+        seed = self.plan.next_seed()
+        if seed is not None:
+            self._steps, self._last = 0, self._flatten(begin(self.env, self.who, seed=seed))
         return self._last, {}
 
     def step(self, action: Any) -> tuple[Float32[ndarray, " features"], float, bool, bool, dict[str, Any]]:

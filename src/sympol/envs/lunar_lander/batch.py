@@ -70,12 +70,18 @@ class Copies:
         """The observations that the next actions answer to."""
         _start(self._landings, seeds, self.observation, self._lanes)
 
-    def step(self, power: Float64[ndarray, "copies 2"], wanted: Bool[ndarray, " copies"]) -> StepResult:
+    def step(
+        self,
+        power: Float64[ndarray, "copies 2"],
+        wanted: Bool[ndarray, " copies"],
+        next_seeds: UInt64[ndarray, " copies"],
+    ) -> StepResult:
         """Take one step in those copies that are wanted. Where it ends an episode, the next one starts.
 
         Args:
             power: The power of each copy's engines.
             wanted: Which copies to step.
+            next_seeds: The seed of each copy's next episode.
 
         Returns:
             The results, with the true last observation of every episode that ended.
@@ -83,7 +89,8 @@ class Copies:
         observation, reward = np.zeros((self.number, FEATURES), np.float32), np.zeros(self.number)
         ends = np.zeros((self.number, 2), bool)
         which = np.flatnonzero(wanted)
-        _step(self._landings, which, power, observation, self.observation, reward, ends, self._lanes)
+        following = self.observation
+        _step(self._landings, which, power, next_seeds, observation, following, reward, ends, self._lanes)
         return StepResult(observation, reward, ends[:, 0], ends[:, 1])
 
 
@@ -185,12 +192,12 @@ def _start(landings, seeds, observation, lanes):
 
 
 @compiled
-def _step(landings, wanted, power, observation, following, reward, ends, lanes):
+def _step(landings, wanted, power, seeds, observation, following, reward, ends, lanes):
     landings, lanes = borrowed_landings(landings), borrowed_lanes(lanes)
     step(landings, wanted, power, observation, reward, ends, lanes)
     for at in wanted:
         if ends[at, 0] or ends[at, 1]:
-            start(landings, at, landings.game[at, 0].random, following[at], lanes)
+            start(landings, at, seeds[at], following[at], lanes)
         else:
             following[at] = observation[at]
 

@@ -9,11 +9,11 @@ import importlib.util
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, Shaped, UInt64
 from numpy import ndarray
 
 from ...types import Step
-from ..capabilities import TreeArrays
+from ..capabilities import TreeArrays, nth_episode_seed
 from ..errors import MissingExtra
 
 IDS = ("LunarLander-v3", "LunarLanderContinuous-v3")
@@ -92,6 +92,8 @@ class NativeEnvs:
 
     def __init__(self, num_envs: int):
         self._num_envs, self._copies = num_envs, None
+        self._seed, self._next_seeds = 0, np.zeros(num_envs, np.uint64)
+        self._episode = np.arange(num_envs)
 
     @property
     def num_envs(self) -> int:
@@ -103,8 +105,13 @@ class NativeEnvs:
         """False: the landers have a time limit of their own."""
         return False
 
-    def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
-        """Start an episode in every copy, each with its own seed derived from this one.
+    @property
+    def episode(self) -> Int64[ndarray, " envs"]:
+        """The number of the episode that each copy plays."""
+        return self._episode.copy()
+
+    def reset(self, seed: int, num_episodes: int | None = None) -> Float32[ndarray, "envs features"]:
+        """Start the episode in every copy whose number is that of the copy; see `VectorEnvs.reset`.
 
         Raises:
             MissingExtra: Numba is not installed.
@@ -112,8 +119,13 @@ class NativeEnvs:
         ENGINE.require_installed()
         from .batch import Copies
 
-        self._copies = Copies(np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint64))
+        self._seed, self._episode = seed, np.arange(self.num_envs)
+        self._copies = Copies(self._seeds(self._episode))
+        self._next_seeds = self._seeds(self._episode + self.num_envs)
         return self._copies.observation.copy()
+
+    def _seeds(self, episodes: Int64[ndarray, " n"]) -> UInt64[ndarray, " n"]:
+        return np.array([nth_episode_seed(self._seed, int(i), np.uint64) for i in episodes], np.uint64)
 
     def step(
         self,
@@ -126,7 +138,10 @@ class NativeEnvs:
         from .batch import engine_power
 
         every = np.ones(self.num_envs, bool) if wanted is None else wanted
-        result = self._copies.step(engine_power(np.asarray(actions)), every)
+        result = self._copies.step(engine_power(np.asarray(actions)), every, self._next_seeds)
+        ended = np.flatnonzero(result.terminated | result.truncated)
+        self._episode[ended] += self.num_envs
+        self._next_seeds[ended] = self._seeds(self._episode[ended] + self.num_envs)
         step: Any = (
             result.observation,
             result.reward.astype(np.float32),
