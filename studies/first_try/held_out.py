@@ -14,21 +14,23 @@ from . import held_out_games as games
 from . import held_out_plants as plants
 from .tasks import Task, array
 
+STEPS = 100_000
+
 TASKS = (
-    Task("A", plants.Tanks, 60_000, plants.tanks_rule, array(0.0, 0.0)),
-    Task("B", games.Crossing, 60_000, games.crossing_rule, 0),
-    Task("C", plants.Reactor, 60_000, plants.reactor_rule, array(0.0)),
-    Task("D", games.Delivery, 100_000, games.delivery_rule),
-    Task("E", plants.Machine, 60_000, plants.machine_rule, 0),
-    Task("F", games.Routing, 60_000, games.routing_rule),
-    Task("G", plants.Dosing, 60_000, plants.dosing_rule, array(0.0)),
-    Task("H", games.Spread, 100_000, games.spread_rule, 1),
-    Task("I", plants.Battery, 100_000, plants.battery_rule, 0),
-    Task("J", games.Pursuit, 60_000, games.pursuit_rule, 0),
-    Task("K", plants.Boiler, 60_000, plants.boiler_rule),
-    Task("L", games.Lift, 100_000, games.lift_rule),
-    Task("M", plants.Irrigation, 60_000, plants.irrigation_rule, array(0.0)),
-    Task("N", games.Pig, 60_000, games.pig_rule),
+    Task("A", plants.Tanks, STEPS, plants.tanks_rule, array(0.0, 0.0)),
+    Task("B", games.Crossing, STEPS, games.crossing_rule, 0),
+    Task("C", plants.Reactor, STEPS, plants.reactor_rule, array(0.0)),
+    Task("D", games.Delivery, STEPS, games.delivery_rule),
+    Task("E", plants.Machine, STEPS, plants.machine_rule, 0),
+    Task("F", games.Routing, STEPS, games.routing_rule),
+    Task("G", plants.Dosing, STEPS, plants.dosing_rule, array(0.0)),
+    Task("H", games.Spread, STEPS, games.spread_rule, 1),
+    Task("I", plants.Battery, STEPS, plants.battery_rule, 0),
+    Task("J", games.Pursuit, STEPS, games.pursuit_rule, 0),
+    Task("K", plants.Boiler, STEPS, plants.boiler_rule),
+    Task("L", games.Lift, STEPS, games.lift_rule),
+    Task("M", plants.Irrigation, STEPS, plants.irrigation_rule, array(0.0)),
+    Task("N", games.Pig, STEPS, games.pig_rule),
 )
 
 
