@@ -130,7 +130,7 @@ def test_a_factory(factory: Any) -> None:
         ("My-v0", "My-v1"),
         ("", "nothing known has a similar name"),
         ("no such thing", "nothing known has a similar name"),
-        ("no_such_module:CartPole-v1", "No module named 'no_such_module'"),
+        ("no_such_module:CartPole-v1", "there is no module no_such_module"),
     ],
 )
 def test_unknown_ids_are_answered_with_near_ones(name: str, near: str) -> None:

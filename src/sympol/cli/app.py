@@ -121,16 +121,13 @@ def _run(words: list[str]) -> int:
 
 
 def _import(module: str) -> None:
-    """Import a module that the user named, from the working directory or elsewhere on the path."""
-    sys.path.insert(0, "")
+    """Import a module that the user named, from the working directory or elsewhere on the path, or a file."""
+    from ..envs.user_code import CodeNotFound, import_code
+
     try:
-        import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name != module:
-            raise
-        raise ImportError(
-            f"--import {module}: there is no such module here; is its folder on PYTHONPATH?"
-        ) from error
+        import_code(module)
+    except CodeNotFound as error:
+        raise CodeNotFound(f"--import {module}: {error}") from error
 
 
 if __name__ == "__main__":

@@ -41,10 +41,11 @@ class PlaysRun:
     """Arguments of commands that play episodes of a run that is there."""
 
     env: str | None = None
-    """The environment, where the run's folder cannot make it: an id, or module:Id, whose module is imported."""
+    """The environment, where the run's folder cannot make it: an id, or module:Name or file.py:Name, whose code is
+    imported."""
 
     trust: bool = False
-    """Import the module that the run's folder names, which runs its code."""
+    """Import the module or file that the run's folder names, which runs its code."""
 
 
 @dataclass

@@ -131,7 +131,7 @@ def run(words: Sequence[str]) -> int:
             f"there is no teacher {config.teacher!r}; give a run's folder or the zip of a stable-baselines3 model"
         )
     spec = resolve(config.env, env_kwargs=config.env_kwargs)
-    folder = args.out or Path("runs") / f"{file_name(spec.name)}-front-{args.seed}"
+    folder = args.out or Path("runs") / f"{file_name(spec.short_name)}-front-{args.seed}"
     if args.overwrite and (folder / CONFIG).exists():
         with exclusive(folder, "search", "--out"):
             shutil.rmtree(folder)

@@ -106,7 +106,7 @@ def run(words: Sequence[str]) -> int:
     if given.tensorboard:
         TensorBoard.require()
     require_memory(spec, agent.config)
-    path = given.run_dir or _next_free(Path("runs"), spec.name)
+    path = given.run_dir or _next_free(Path("runs"), spec.short_name)
     with Run.create(
         path,
         spec,

@@ -10,18 +10,20 @@ import gymnasium
 
 from ..trees.groups import Group
 from .adapters import all_ids, built_in, lists
-from .adapters.gymnasium import import_named, make
+from .adapters.gymnasium import make
 from .capabilities import NativeEngine
 from .diagnostics import warn_of_environment
 from .entries import REGISTERED, Entry, Factory
 from .env import Env
 from .jax_protocol import kept_to_protocol
+from .named import import_named, named_env
 from .names import NAMES, known_names
 from .origin import Origin, Wrapping
 from .recorded import Recorded
 from .sources import Source, is_factory, make_wrapped, open_source
 from .spaces import Features, action_spec
 from .spec import Backend, EnvSpec, HostFactory, not_listed
+from .user_code import absolute, is_file, short, split
 
 
 def register(
@@ -65,7 +67,9 @@ def resolve(
     """Find an environment by id, object or factory, and describe it.
 
     Args:
-        env: An id, an environment, or a function that makes one. An object is played itself.
+        env: An id, an environment, or a function that makes one. An object is played itself. The name of a class, a
+            function or an object, or an id that is registered there, follows its module or its file, as in
+            ``"my_package:Tank"`` or ``"plants/tank.py:Tank"``, which is imported.
         env_kwargs: Arguments to make the environment with, as those of `gymnasium.make`.
         feature_names: Names of the features; by default the registered ones, the environment's own, or ``x[0]``.
         action_names: Names of the actions; by default the registered ones, the environment's own, or ``action 0``.
@@ -91,10 +95,11 @@ def resolve(
     if backend not in get_args(Backend):
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
     kwargs = dict(env_kwargs or {})
+    env = absolute(env) if isinstance(env, str) else env
     entry = _entry(env) if isinstance(env, str) and not wrappers else Entry()
     source = _open(env, entry, kwargs, tuple(wrappers), recorded)
-    name, jax_env = env if isinstance(env, str) else source.name, source.jax_env
-    make_host = _host_of(source, entry, name, kwargs)
+    name, jax_env = short(env) if isinstance(env, str) else source.name, source.jax_env
+    make_host = _host_of(source, entry, env if isinstance(env, str) else name, kwargs)
     _require_form(name, jax_env, make_host, backend)
     in_jax = jax_env is not None and backend in ("auto", "jax")
     native, speed_hint = None, ""
@@ -153,7 +158,8 @@ def _open(
     if isinstance(env, str) or (
         name in REGISTERED and REGISTERED[name].env is env
     ):  # its name makes it again
-        source = source._replace(find_origin=partial(Origin.of_arguments, kwargs, wrappers))
+        file = split(name)[0] if is_file(name.rpartition(":")[0]) else ""
+        source = source._replace(find_origin=partial(Origin.of_arguments, kwargs, wrappers, file))
     if _is_replaced(name):
         not_kept = f"where {name} had been registered anew"
         source = source._replace(find_origin=partial(Origin, kwargs, wrappers, not_kept))
@@ -189,13 +195,15 @@ def _later(
 def _entry(env_id: str) -> Entry:
     """Return what is known of an id: what the user registered, else what an adapter has.
 
-    For ``module:id`` the module is imported, and what it registered of this name counts.
+    For ``module:name`` the module is imported, and what it registered by this name counts, else what it has of it.
     """
-    module, _, name = env_id.rpartition(":")
+    module, name = split(env_id)
     if module and env_id not in REGISTERED:
         import_named(module)
         entry = _entry(name)
         if isinstance(entry.host, partial) and entry.host.func is make:
+            if name not in REGISTERED and not _is_listed(name):
+                return Entry(named_env(module, name))
             return entry._replace(host=partial(make, env_id))  # so that each copy imports the module, too
         return entry
     ours = built_in(env_id)

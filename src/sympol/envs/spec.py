@@ -89,6 +89,11 @@ class EnvSpec:
         return self.origin.wrappers
 
     @property
+    def short_name(self) -> str:
+        """The name without the module or file before it, as folders are called."""
+        return self.name.rpartition(":")[2]
+
+    @property
     def preset_id(self) -> str:
         """The id whose presets fit; empty for an environment that is not exactly what its id makes."""
         return self.name if self.origin.is_as_registered else ""
