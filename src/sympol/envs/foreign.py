@@ -237,8 +237,26 @@ class Library(Adapter):
         first = env[0] if isinstance(env, tuple) and env else env
         return self.wrap(env) if is_of(self.package, first) else None
 
+    @final
+    def library(self, part: str = "") -> Any:
+        """Return the library, imported now.
+
+        Args:
+            part: A name in it, or a module of it.
+
+        Returns:
+            The module, or the part.
+
+        Raises:
+            MissingExtra: It is not installed, or lacks a package itself.
+        """
+        module = require_library(self.prefix, self.package)
+        if part and not hasattr(module, part):
+            return require_library(self.prefix, f"{self.package}.{part}")
+        return getattr(module, part) if part else module
+
     def _made(self, name: str, **kwargs: Any) -> ForeignEnv:
-        require_library(self.prefix, self.package)
+        self.library()
         names = list(self.names())
         if name not in names:
             near = difflib.get_close_matches(name, names) or sorted(names)[:5]
@@ -262,21 +280,24 @@ def is_of(module: str, value: object) -> bool:
     return any(f"{kind.__module__}.".startswith(f"{module}.") for kind in type(value).__mro__)
 
 
-def require_library(extra: str, module: str) -> None:
-    """Import a library.
+def require_library(extra: str, module: str) -> Any:
+    """Import a library or a part of it.
 
     Args:
         extra: The extra of sympol's that installs it.
         module: The module.
 
+    Returns:
+        The module.
+
     Raises:
         MissingExtra: It is not installed, or lacks a package itself.
     """
     try:
-        importlib.import_module(module)
+        return importlib.import_module(module)
     except ModuleNotFoundError as error:
         raise MissingExtra(
-            f"environments of {module} need a package that is not installed; install it: "
+            f"environments of {module.partition('.')[0]} need a package that is not installed; install it: "
             f"pip install 'sympol[{extra}]' ({error})"
         ) from error
 

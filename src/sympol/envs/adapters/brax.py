@@ -23,15 +23,13 @@ class Brax(Library):
 
     def names(self) -> Iterable[str]:
         """See `Library.names`."""
-        from brax import envs  # pyright: ignore[reportMissingImports]
-
-        return envs._envs
+        return self.library("envs")._envs
 
     def make(self, name: str, *, max_episode_steps: int = EPISODE_LENGTH, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        from brax import envs  # pyright: ignore[reportMissingImports]
-
-        return StateEnv(f"brax:{name}", envs.get_environment(name, **kwargs), max_episode_steps)
+        return StateEnv(
+            f"brax:{name}", self.library("envs").get_environment(name, **kwargs), max_episode_steps
+        )
 
     def wrap(self, env: Any) -> ForeignEnv:
         """See `Library.wrap`; brax's wrappers are taken off, of which one resets and others batch."""

@@ -28,9 +28,7 @@ class Craftax(Library):
 
     def make(self, name: str, *, max_episode_steps: int | None = None, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        from craftax.craftax_env import make_craftax_env_from_name  # pyright: ignore[reportMissingImports]
-
-        env = make_craftax_env_from_name(name, auto_reset=False)
+        env = self.library("craftax_env").make_craftax_env_from_name(name, auto_reset=False)
         if max_episode_steps is not None:
             kwargs["max_timesteps"] = max_episode_steps
         return CraftaxEnv(f"craftax:{name}", env, env.default_params.replace(**kwargs))

@@ -21,17 +21,15 @@ class Gymnax(Library):
 
     def names(self) -> Iterable[str]:
         """See `Library.names`."""
-        import gymnax  # pyright: ignore[reportMissingImports]
-
-        return gymnax.registered_envs
+        return self.library().registered_envs
 
     def make(self, name: str, *, max_episode_steps: int | None = None, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        import gymnax  # pyright: ignore[reportMissingImports]
-
-        _, defaults = gymnax.make(name)
+        _, defaults = self.library().make(name)
         of_params = {key: value for key, value in kwargs.items() if hasattr(defaults, key)}
-        env, params = gymnax.make(name, **{key: kwargs[key] for key in kwargs.keys() - of_params.keys()})
+        env, params = self.library().make(
+            name, **{key: kwargs[key] for key in kwargs.keys() - of_params.keys()}
+        )
         if max_episode_steps is not None:
             of_params["max_steps_in_episode"] = max_episode_steps
         return GymnaxEnv(f"gymnax:{name}", env, params.replace(**of_params))

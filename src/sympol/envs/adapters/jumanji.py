@@ -24,15 +24,11 @@ class Jumanji(Library):
 
     def names(self) -> Iterable[str]:
         """See `Library.names`."""
-        import jumanji  # pyright: ignore[reportMissingImports]
-
-        return jumanji.registered_environments()
+        return self.library().registered_environments()
 
     def make(self, name: str, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        import jumanji  # pyright: ignore[reportMissingImports]
-
-        return JumanjiEnv(f"jumanji:{name}", jumanji.make(name, **_with_limit(kwargs)))
+        return JumanjiEnv(f"jumanji:{name}", self.library().make(name, **_with_limit(kwargs)))
 
     def wrap(self, env: Any) -> ForeignEnv:
         """See `Library.wrap`; wrappers that reset by themselves are taken off."""

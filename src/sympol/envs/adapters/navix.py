@@ -22,19 +22,15 @@ class Navix(Library):
 
     def names(self) -> Iterable[str]:
         """See `Library.names`."""
-        import navix  # pyright: ignore[reportMissingImports]
-
-        return navix.registry()
+        return self.library().registry()
 
     def make(self, name: str, *, max_episode_steps: int | None = None, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        import navix  # pyright: ignore[reportMissingImports]
-
         if isinstance(function := kwargs.get("observation_fn"), str):
-            kwargs["observation_fn"] = getattr(navix.observations, function)
+            kwargs["observation_fn"] = getattr(self.library().observations, function)
         if max_episode_steps is not None:
             kwargs["max_steps"] = max_episode_steps
-        return NavixEnv(f"navix:{name}", navix.make(name, **kwargs))
+        return NavixEnv(f"navix:{name}", self.library().make(name, **kwargs))
 
     def wrap(self, env: Any) -> ForeignEnv:
         """See `Library.wrap`."""

@@ -23,15 +23,11 @@ class Pgx(Library):
 
     def names(self) -> Iterable[str]:
         """See `Library.names`."""
-        import pgx  # pyright: ignore[reportMissingImports]
-
-        return pgx.available_envs()
+        return self.library().available_envs()
 
     def make(self, name: str, *, max_episode_steps: int | None = None, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        import pgx  # pyright: ignore[reportMissingImports]
-
-        return PgxEnv(pgx.make(name, **kwargs), max_episode_steps)  # pyright: ignore[reportArgumentType]
+        return PgxEnv(self.library().make(name, **kwargs), max_episode_steps)
 
     def wrap(self, env: Any) -> ForeignEnv:
         """See `Library.wrap`."""

@@ -17,15 +17,11 @@ class Playground(Library):
 
     def names(self) -> Iterable[str]:
         """See `Library.names`."""
-        from mujoco_playground import registry  # pyright: ignore[reportMissingImports]
-
-        return registry.ALL_ENVS
+        return self.library("registry").ALL_ENVS
 
     def make(self, name: str, *, max_episode_steps: int | None = None, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        from mujoco_playground import registry  # pyright: ignore[reportMissingImports]
-
-        env = registry.load(name, config_overrides=kwargs or None)
+        env = self.library("registry").load(name, config_overrides=kwargs or None)
         return StateEnv(f"playground:{name}", env, max_episode_steps or _length(env))
 
     def wrap(self, env: Any) -> ForeignEnv:
