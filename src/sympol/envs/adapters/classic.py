@@ -27,7 +27,7 @@ class Classic(Adapter):
         """See `Adapter.entry`."""
         if env_id not in ENVS:
             return None
-        return Entry(_in_jax(env_id), partial(make, env_id), drawing=env_id)
+        return Entry(in_jax(env_id), partial(make, env_id), drawing=env_id)
 
     def ids(self) -> Iterable[str]:
         """See `Adapter.ids`."""
@@ -35,6 +35,16 @@ class Classic(Adapter):
 
 
 @cache
-def _in_jax(env_id: str) -> Env:
+def in_jax(env_id: str) -> Env | None:
+    """Return a classic control task in JAX.
+
+    Args:
+        env_id: Gymnasium's id.
+
+    Returns:
+        The environment, or None for any other id.
+    """
+    if env_id not in ENVS:
+        return None
     module, _, name = ENVS[env_id].partition(":")
     return getattr(import_module(f"sympol.envs.classic.{module}"), name)()
