@@ -16,7 +16,7 @@ from ..algorithms.config import SIZE_LIMITS, Config
 from ..algorithms.presets import DEFAULT, preset
 from ..runs.metadata import CONFIG, RunError, file_name
 from ..runs.run import Run
-from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .arguments import EnvKwargs, MaxRules, Text, env_kwargs, parse
 from .console import err
 from .tree_io import tree_from
 
@@ -71,6 +71,9 @@ class Train:
 
     critic_warmup: float = 0.05
     """Fraction of the training, after --start, in which only the critic learns."""
+
+    max_rules: MaxRules = None
+    """Most rules, that is leaves, of the tree: --max-nodes 2 N - 1 in other words."""
 
     eval_episodes: int = 20
     """Number of test episodes on Gymnasium at the end."""
