@@ -98,7 +98,7 @@ def parse(
         SystemExit: The words ask for help, which is printed.
     """
     _write_checkable_types(kind)
-    if any(field.name == "max_rules" for field in dataclasses.fields(kind)):
+    if "--max-rules" in _flags(kind):
         words = _rules_as_nodes(words)
     options: dict[str, Any] = {} if default is None else {"default": default}
     printed = io.StringIO()

@@ -122,9 +122,11 @@ def resolve(
             observation_space,
             own("feature_names", feature_names),
             own("groups", groups),
-            known.get("integers", ()) if recorded is None else recorded.integers,
+            _integers(source.example, known) if recorded is None else recorded.integers,
         ),
-        actions=action_spec(action_space, own("action_names", action_names)),
+        actions=action_spec(
+            action_space, own("action_names", action_names), _carried(source.example, "action_options")
+        ),
         max_episode_steps=source.max_episode_steps,
         has_one_copy=source.has_one_copy,
         native=native,
@@ -223,6 +225,12 @@ def _carried(example: gymnasium.Env | Env | Recorded, what: str) -> Any:
     if found is None and isinstance(example, gymnasium.Env) and (spec := example.spec) is not None:
         found = None if spec.additional_wrappers else getattr(example.unwrapped, what, None)
     return found
+
+
+def _integers(example: Any, known: Mapping[str, Any]) -> Sequence[int]:
+    """Return the positions of features that are whole numbers, as the environment or our table of names says."""
+    carried = _carried(example, "integers")
+    return known.get("integers", ()) if carried is None else carried
 
 
 def _is_replaced(env_id: str) -> bool:
