@@ -57,7 +57,8 @@ class Distill:
     """Maximum number of leaves, in place of --max-nodes: a tree of N rules has 2 N - 1 nodes."""
 
     env: str | None = None
-    """Gymnasium id of the teacher's environment; a run knows its own, if its folder can make it."""
+    """Gymnasium id of the teacher's environment, or file.py:Name or module:Name; a run knows its own,
+    if its folder can make it."""
 
     env_kwargs: EnvKwargs = ()
     """Arguments of --env, such as view_size=5."""

@@ -40,7 +40,7 @@ class Pareto:
     """
 
     env: Text
-    """Gymnasium id, such as CartPole-v1."""
+    """Gymnasium id, such as CartPole-v1, or file.py:Name or module:Name."""
 
     max_nodes: int = 63
     """Splits and leaves of the largest tree together: an odd number."""

@@ -28,10 +28,16 @@ if TYPE_CHECKING:
 
 @dataclass
 class Train:
-    """Train a decision tree by PPO (or A2C: --algorithm; or another policy: --policy) and save it in a run's folder."""
+    """Train a decision tree by PPO (or A2C: --algorithm; or another policy: --policy) and save it in a run's folder.
+
+    On a Gymnasium id: sympol train CartPole-v1
+
+    On a class or a function in a file: sympol train tank.py:Tank --env-kwargs size=3 --total-timesteps 200k
+    """
 
     env: Text
-    """Gymnasium id, such as CartPole-v1."""
+    """Gymnasium id, such as CartPole-v1, or what makes the environment in a file or module: file.py:Name or
+    module:Name."""
 
     seed: int = 0
     """Seed of everything random; the same seed on the same machine gives the same tree."""
