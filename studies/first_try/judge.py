@@ -19,6 +19,7 @@ from threading import Lock
 from typing import Any
 
 from ..benchmarks.timing import ROOT
+from . import held_out
 from .worker import tasks_of
 
 Record = dict[str, Any]
@@ -58,18 +59,15 @@ def due(
 ) -> Iterator[Record]:
     """Yield what to measure: all tasks with the first seed, then all with the second one."""
     tasks, code = tasks_of(given_set), library()
+    frozen = {"frozen": held_out.digest()} if given_set == "held_out" else {}
     if "viper" in methods:  # the MLP comes with it
         methods = [method for method in methods if method != "mlp"]
     for seed in seeds:
         for name in names or tasks:
             for method in methods:
                 wanted = {"set": given_set, "env": name, "digest": tasks[name].digest(), "method": method}
-                yield {
-                    **wanted,
-                    "seed": seed,
-                    "settings": settings if method == "tree" else {},
-                    "library": code,
-                }
+                made_with = {"settings": settings if method == "tree" else {}, "library": code, **frozen}
+                yield {**wanted, "seed": seed, **made_with}
 
 
 def measured(wanted: Record) -> list[Record]:

@@ -240,7 +240,6 @@ def test_what_step_returned_is_named(answer: Any, message: str):
         start, lambda state, action: answer, observations=LEVEL, actions=["off", "on"]
     )
     spec = sympol.resolve(make)
-    assert spec.make_host is not None
     envs = spec.host_envs(1)
     envs.reset(seed=0)
     with pytest.raises(EnvironmentFailure, match=message):

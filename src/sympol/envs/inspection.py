@@ -105,7 +105,7 @@ def inspect_env(spec: EnvSpec, *, seconds: float = 3.0, seed: int = 0) -> Inspec
     Raises:
         EnvironmentFailure: The environment raised an error, or returned what is no observation or no reward.
     """
-    env = host_form(spec)
+    env = spec.make_host()
     try:
         player = _Player(spec, env, seed)
         player.play(seconds)
@@ -130,23 +130,6 @@ def inspect_env(spec: EnvSpec, *, seconds: float = 3.0, seed: int = 0) -> Inspec
     )
 
 
-def host_form(spec: EnvSpec) -> gymnasium.Env:
-    """Make an environment to play on, in Gymnasium's form.
-
-    Args:
-        spec: The environment.
-
-    Returns:
-        The environment; one that is written in JAX alone is put behind Gymnasium's interface.
-    """
-    if spec.make_host is not None:
-        return spec.make_host()
-    from .on_host import OnHost
-
-    assert spec.env is not None
-    return OnHost(spec.env)
-
-
 class _Player:
     """Random play, and what is seen of it."""
 
@@ -163,6 +146,9 @@ class _Player:
     def play(self, seconds: float) -> None:
         """Play episodes until the time is up."""
         self.env.action_space.seed(self.seed)
+        if self.spec.env is not None:  # in JAX, whose first calls compile
+            begin(self.env, seed=self.seed)
+            advance(self.env, self.env.action_space.sample())
         until = time.perf_counter() + seconds
         while True:
             length = self._episode(until)

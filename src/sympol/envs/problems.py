@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 
-from .inspection import LONGEST, Inspection, host_form
+from .inspection import LONGEST, Inspection
 from .spec import EnvSpec
 
 APART = 1e6
@@ -78,11 +78,11 @@ def problems(inspection: Inspection) -> list[Problem]:
 def _checked_by_gymnasium(spec: EnvSpec) -> list[Problem]:
     """Return what Gymnasium's own checker says, in plain words.
 
-    An object is not to be disturbed, and an environment in JAX alone has no form that Gymnasium could check.
+    An object is not to be disturbed, and what is written in JAX is no environment of Gymnasium's.
     """
-    if spec.make_host is None or spec.has_one_copy:
+    if spec.env is not None or spec.has_one_copy:
         return []
-    env = host_form(spec)
+    env = spec.make_host()
     said: list[str] = []
     try:
         with warnings.catch_warnings(record=True) as caught:

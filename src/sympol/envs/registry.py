@@ -16,8 +16,10 @@ from .diagnostics import warn_of_environment
 from .entries import REGISTERED, Entry, Factory
 from .env import Env
 from .jax_protocol import kept_to_protocol
+from .libraries import is_library_id
 from .named import import_named, named_env
 from .names import NAMES, known_names
+from .on_host import OnHost
 from .origin import Origin, Wrapping
 from .recorded import Recorded
 from .sources import Source, is_factory, make_wrapped, open_source
@@ -100,7 +102,8 @@ def resolve(
     source = _open(env, entry, kwargs, tuple(wrappers), recorded)
     name, jax_env = short(env) if isinstance(env, str) else source.name, source.jax_env
     make_host = _host_of(source, entry, env if isinstance(env, str) else name, kwargs)
-    _require_form(name, jax_env, make_host, backend)
+    if backend == "jax" and jax_env is None:
+        raise ValueError(f"{name} is not written in JAX; use backend='host' or 'auto'")
     in_jax = jax_env is not None and backend in ("auto", "jax")
     native, speed_hint = None, ""
     if not in_jax:
@@ -148,7 +151,6 @@ def _open(
         source = Source(recorded, _later(env, kwargs, wrappers, recorded))
     elif wrappers:
         inner = resolve(env, env_kwargs=kwargs, backend="host").make_host
-        assert inner is not None
         source = open_source(partial(make_wrapped, inner, wrappers), {}, _remake)
     elif not isinstance(env, str):
         source = open_source(env, kwargs, _remake)
@@ -188,7 +190,6 @@ def _later(
                     f"{env_id} has changed since this run was saved: its {space} was {was} and is {now}; to use it "
                     f"as it is now, name it: env={env_id!r}, or --env {env_id}"
                 )
-        assert found.make_host is not None
         return found.make_host
 
     return lambda **options: make_host()(**options)
@@ -250,25 +251,18 @@ def _is_replaced(env_id: str) -> bool:
     )
 
 
-def _host_of(source: Source, entry: Entry, name: str, kwargs: dict[str, Any]) -> HostFactory | None:
-    """Return what makes the form in Gymnasium, on which policies are evaluated."""
+def _host_of(source: Source, entry: Entry, name: str, kwargs: dict[str, Any]) -> HostFactory:
+    """Return what makes the form in Gymnasium, on which policies are evaluated.
+
+    What exists in JAX alone is its own form in Gymnasium.
+    """
     if source.jax_env is None:
+        assert source.make_host is not None
         return source.make_host
     if entry.host is not None:
         return partial(entry.host, **kwargs)
-    is_known = name.rpartition(":")[2] in gymnasium.registry
-    return partial(make, name, **kwargs) if is_known else None
-
-
-def _require_form(name: str, jax_env: Env | None, make_host: HostFactory | None, backend: Backend) -> None:
-    """Raise ValueError where an environment lacks the form of a backend."""
-    if backend == "jax" and jax_env is None:
-        raise ValueError(f"{name} is not written in JAX; use backend='host' or 'auto'")
-    if backend == "host" and make_host is None:
-        raise ValueError(
-            f"{name} is written in JAX and has no form in Gymnasium; give the form that "
-            "sympol.envs.on_host.OnHost makes of it, or train with backend='jax'"
-        )
+    is_known = not is_library_id(name) and name.rpartition(":")[2] in gymnasium.registry
+    return partial(make, name, **kwargs) if is_known else partial(OnHost, source.jax_env)
 
 
 def _native(
@@ -294,6 +288,4 @@ def _native(
 
 def _remake(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env:
     """Make an environment by its id and arguments, as loading a run does."""
-    make_host = resolve(env_id, env_kwargs=kwargs, backend="host").make_host
-    assert make_host is not None
-    return make_host()
+    return resolve(env_id, env_kwargs=kwargs, backend="host").make_host()

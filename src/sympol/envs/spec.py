@@ -39,7 +39,8 @@ class EnvSpec:
     Attributes:
         name: The id, or the name of the class.
         env: The form in JAX, to train on inside the compiled program, or None where there is none.
-        make_host: A function that makes it in Gymnasium, or None where it exists in JAX alone.
+        make_host: A function that makes it in Gymnasium. An environment that exists in JAX alone is played by
+            `sympol.envs.on_host.OnHost`.
         observation_space: The observation space.
         action_space: The action space.
         features: The map from observations to flat features, with their names, bounds and groups.
@@ -58,7 +59,7 @@ class EnvSpec:
 
     name: str
     env: Env | None
-    make_host: HostFactory | None
+    make_host: HostFactory
     observation_space: gymnasium.Space
     action_space: gymnasium.Space
     features: Features
@@ -140,12 +141,10 @@ class EnvSpec:
             The copies.
 
         Raises:
-            ValueError: That many cannot be made, or the environment exists in JAX alone.
+            ValueError: That many cannot be made.
         """
         if self.native is not None:
             return self.native.make_envs(num_envs)
-        if self.make_host is None:
-            raise ValueError(f"{self.name} is written in JAX and has no form in Gymnasium")
         if not self.has_one_copy:
             return HostEnvs(self.make_host, num_envs, self.features)
         own = partial(_Kept, self.make_host())
