@@ -9,7 +9,7 @@ from .growth import stage
 
 
 class Work(NamedTuple):
-    """How much a training does.
+    """The work of a training.
 
     Attributes:
         rollouts: The number of rollouts.

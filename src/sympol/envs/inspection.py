@@ -1,4 +1,4 @@
-"""What an environment shows under random play: its speed, lengths, rewards and features, measured before a training.
+"""The behaviour of an environment under random play: its speed, lengths, rewards and features, measured before a training.
 
 `sympol.envs.problems` judges what is measured here.
 """
@@ -42,7 +42,7 @@ class Episodes:
 
 @dataclass
 class Inspection:
-    """What was measured.
+    """The measurements of random play.
 
     Attributes:
         spec: The environment.

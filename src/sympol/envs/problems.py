@@ -1,4 +1,4 @@
-"""What is wrong with an environment, in plain words: by what random play has shown, and by Gymnasium's checker."""
+"""Faults of an environment in plain words, by what random play has shown and by Gymnasium's checker."""
 
 from __future__ import annotations
 
