@@ -1,4 +1,4 @@
-"""The behaviour of an environment under random play: its speed, lengths, rewards and features, measured before a training.
+"""The behaviour of an environment under random play, before a training: speed, lengths, rewards and features.
 
 `sympol.envs.problems` judges what is measured here.
 """
