@@ -16,7 +16,7 @@ from ..algorithms.config import SIZE_LIMITS, Config
 from ..algorithms.presets import DEFAULT, preset
 from ..runs.metadata import CONFIG, RunError, file_name
 from ..runs.run import Run
-from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .arguments import EnvKwargs, MaxRules, Text, env_kwargs, parse
 from .console import err
 from .tree_io import tree_from
 
@@ -28,10 +28,16 @@ if TYPE_CHECKING:
 
 @dataclass
 class Train:
-    """Train a decision tree by PPO (or A2C: --algorithm; or another policy: --policy) and save it in a run's folder."""
+    """Train a decision tree by PPO (or A2C: --algorithm; or another policy: --policy) and save it in a run's folder.
+
+    On a Gymnasium id: sympol train CartPole-v1
+
+    On a class or a function in a file: sympol train tank.py:Tank --env-kwargs size=3 --total-timesteps 200k
+    """
 
     env: Text
-    """Gymnasium id, such as CartPole-v1."""
+    """Gymnasium id, such as CartPole-v1, or what makes the environment in a file or module: file.py:Name or
+    module:Name."""
 
     seed: int = 0
     """Seed of everything random; the same seed on the same machine gives the same tree."""
@@ -75,6 +81,9 @@ class Train:
 
     critic_warmup: float = 0.05
     """Fraction of the training, after --start, in which only the critic learns."""
+
+    max_rules: MaxRules = None
+    """Most rules, that is leaves, of the tree: --max-nodes 2 N - 1 in other words."""
 
     eval_episodes: int = 20
     """Number of test episodes on Gymnasium at the end."""

@@ -126,9 +126,11 @@ def resolve(
             observation_space,
             own("feature_names", feature_names),
             own("groups", groups),
-            _integers(jax_env, known) if recorded is None else recorded.integers,
+            _integers(source.example, known) if recorded is None else recorded.integers,
         ),
-        actions=action_spec(action_space, own("action_names", action_names)),
+        actions=action_spec(
+            action_space, own("action_names", action_names), _carried(source.example, "action_options")
+        ),
         max_episode_steps=source.max_episode_steps,
         has_one_copy=source.has_one_copy,
         native=native,
@@ -244,9 +246,10 @@ def _carried(example: gymnasium.Env | Env | Recorded, what: str) -> Any:
     return found
 
 
-def _integers(jax_env: Env | None, known: Mapping[str, Any]) -> Sequence[int]:
-    """Return the positions of features that are whole numbers, though the space of an environment does not say so."""
-    return getattr(jax_env, "integers", known.get("integers", ()))
+def _integers(example: Any, known: Mapping[str, Any]) -> Sequence[int]:
+    """Return the positions of features that are whole numbers, as the environment or our table of names says."""
+    carried = _carried(example, "integers")
+    return known.get("integers", ()) if carried is None else carried
 
 
 def _is_replaced(env_id: str) -> bool:
