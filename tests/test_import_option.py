@@ -58,9 +58,10 @@ def test_an_algorithm_of_your_own_trains_and_its_run_is_read(folder: Path):
 
 def test_an_unknown_module_is_refused_in_one_line(folder: Path):
     done = sympol(folder, "--import", "nothing_here", "show", "run")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "error: --import nothing_here: there is no such module here; is its folder on PYTHONPATH?"
+        "error: --import nothing_here: there is no module nothing_here; is its folder on PYTHONPATH? A file is named "
+        "with its ending: nothing_here.py"
     ]
 
 

@@ -57,7 +57,7 @@ def test_a_listing_may_name_its_environment(tmp_path: Path):
             "a.txt cannot be read: line 5: unknown action 'push lefft'",
         ),
         ("a.txt", HEADED.replace("CartPole", "CartPol"), "acts on 'CartPol-v1', which is not known here"),
-        ("a.txt", HEADED.replace("CartPole", "os:CartPole"), "have no module imported"),
+        ("a.txt", HEADED.replace("CartPole", "os:CartPole"), "have no code imported"),
         ("a.txt", "+++\nenv = 3\n+++\nx", "names the environment 3"),
         ("a.txt", b"\xff", "cannot be read"),
     ],
@@ -73,7 +73,7 @@ def test_what_holds_no_tree_is_said(tmp_path: Path, name: str, content: str | by
 def test_where_a_tree_acts_has_to_be_said(tree: DecisionTree, tmp_path: Path):
     for meta, message in [
         ({}, 'in no run\'s folder, and its "meta" has no "env"'),
-        ({"env": "os:Evil-v0"}, "have no module imported"),
+        ({"env": "os:Evil-v0"}, "have no code imported"),
         ({"env": "Acrobot-v1"}, "looks at 4 features, but Acrobot-v1 has 6"),
     ]:
         other = replace(tree, meta=meta)

@@ -127,7 +127,8 @@ def test_a_state_saved_in_between_goes_on_to_the_same_bits(trained):
     first = train(spec_of(), [1024])
     saved = jax.tree.map(lambda a: np.array(a), first)
     trainer = Trainer(spec_of(), CONFIG, 0)
-    assert jax.tree.map(np.shape, trainer.template()) == jax.tree.map(np.shape, saved)
+    template = trainer.template()._replace(env_state=saved.env_state)  # whose length differs
+    assert jax.tree.map(np.shape, template) == jax.tree.map(np.shape, saved)
     assert_same_bits(trainer.advance(saved, 2048), trained)
     trainer.close()
 
@@ -208,35 +209,76 @@ class Endless(SignedReward):
         return observation, float(self.time <= 3), self.time == self.length, False, {}
 
 
-def validate(*copies: Endless, **options: Any) -> tuple[float, bool, HostRollouts]:
-    """The return of a tree that has learnt nothing."""
-    left = iter(copies)
-    spec = resolve(lambda: next(left, copies[0]))
+def validate(*copies: Endless, **options: Any) -> tuple[list[float], bool, HostRollouts]:
+    """The returns of a tree that has learnt nothing."""
+    left = iter([Endless() for _ in range(1 + len(copies))])  # to look at, and to train on
+    validated = iter(copies)
+    spec = resolve(lambda: next(left, None) or next(validated))
     config = dataclasses.replace(CONFIG, num_envs=len(copies), **options)
     state = begun(spec_of(), config)
-    left = iter(copies)
     source = source_of(spec, config)
-    source._open()
-    for copy in copies:
-        copy.resets = copy.total = 0
-    score, was_cut = source.evaluate(state, 0)
-    return float(score), was_cut, source
+    returns, was_cut = source.evaluate(state, 0)
+    return returns.tolist(), was_cut, source
 
 
 def test_where_validation_cuts_an_episode_the_next_is_another():
     """Each of the eight pays 3; were the second of a copy the first going on, it would pay nothing."""
     copies = [Endless() for _ in range(4)]
-    score, was_cut, source = validate(*copies)
-    assert (score, was_cut, source.limit) == (3.0, True, 1_000)
+    returns, was_cut, source = validate(*copies)
+    assert (returns, was_cut, source.limit) == ([3.0] * 8, True, 1_000)
     assert [copy.total for copy in copies] == [2_000] * 4  # and not 10,000 an episode
-    assert [copy.resets for copy in copies] == [3] * 4
+    assert [copy.resets for copy in copies] == [2] * 4
 
 
 def test_an_episode_that_ends_at_the_limit_is_not_cut_and_who_has_played_enough_rests():
     copies = [Endless(1_000), Endless(10), Endless(10)]
-    score, was_cut, _ = validate(*copies, num_eval_episodes=6)
-    assert (score, was_cut) == (3.0, False)
+    returns, was_cut, _ = validate(*copies, num_eval_episodes=6)
+    assert (returns, was_cut) == ([3.0] * 6, False)
     assert [copy.total for copy in copies] == [2_000, 20, 20]
+
+
+@pytest.mark.parametrize("num_episodes", [1, 3, 5])
+def test_as_many_episodes_are_validated_as_were_asked_for(num_episodes):
+    copies = [Endless(10) for _ in range(4)]
+    returns, _, _ = validate(*copies, num_eval_episodes=num_episodes)
+    assert returns == [3.0] * num_episodes
+    played = [len(range(i, num_episodes, min(4, num_episodes))) for i in range(min(4, num_episodes))]
+    copies = copies[: len(played)]  # no more than needed were opened
+    assert [copy.resets for copy in copies] == played
+    assert [copy.total for copy in copies] == [10 * number for number in played]
+
+
+class Lottery(SignedReward):
+    """Pays what chance drew at the reset; chance is drawn once more at each step, of which there are 1 to 5."""
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict]:
+        result = super().reset(seed=seed)
+        self.prize, self.length = self.np_random.uniform(), self.np_random.integers(1, 6)
+        return result
+
+    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict]:
+        observation, *_ = super().step(action)
+        return observation, self.prize, self.time == self.length, False, {}
+
+
+@pytest.mark.parametrize("spec", [spec_of(Lottery), resolve("CartPole-v1"), resolve("LunarLander-v3")])
+def test_validations_are_paired(spec):
+    """The first episodes are the same, however many are played, by however many copies, at whatever time."""
+
+    def returns(num_envs: int, num_episodes: int | None, timestep: int = 0) -> list[float]:
+        config = dataclasses.replace(CONFIG, num_envs=num_envs, num_eval_episodes=9)
+        source = make_loop(spec if spec.env is None else spec.env, config.static()).rollouts
+        state = begun(spec if spec.env is None else spec.env, config)
+        state = state._replace(timestep=jnp.int32(timestep))
+        result = source.evaluate(state, np.uint32(0), num_episodes)[0].tolist()
+        source.close()
+        return result
+
+    every = returns(4, None)
+    assert len(every) == 9
+    assert len(set(every)) > 1
+    for num_envs, num_episodes in ((4, 9), (4, 2), (16, 5), (1, 3)):
+        assert returns(num_envs, num_episodes, timestep=512) == every[:num_episodes]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 
 import sympol
 from sympol.algorithms.config import Config
+from sympol.algorithms.initialization import host_seed
 from sympol.algorithms.trainer import Trainer
 from sympol.envs.errors import MissingExtra
 from sympol.envs.lunar_lander import engine
@@ -66,19 +67,17 @@ def test_validation_is_the_return_of_the_deterministic_tree():
     trainer = Trainer(spec, CONFIG, 0)
     state: Any = trainer.advance(None, 64)
     source = source_of(spec, CONFIG)
-    seeds: list[int] = []
-    envs: Any = source._open()
-    reset, envs.reset = envs.reset, lambda seed: seeds.append(seed) or reset(seed)
-    score, _ = source.evaluate(state, 0)
-    policy = state.networks.actor.rollout()
-    observation, total, alive = reset(seeds[0]), 0.0, np.ones(CONFIG.num_envs, bool)
+    returns, _ = source.evaluate(state, 0)
+    policy, envs = state.networks.actor.rollout(), spec.host_envs(CONFIG.num_envs)
+    observation = envs.reset(host_seed(0, "validation"))
+    total, alive = np.zeros(CONFIG.num_envs), np.ones(CONFIG.num_envs, bool)
     while alive.any():
         outputs = np.asarray(policy(state.normalizer(observation)))
         step, observation = envs.step(np.argmax(outputs, axis=1).astype(np.int32))
-        total += float(step.reward[alive].astype(np.float64).sum())
+        total[alive] += step.reward[alive]
         alive &= ~(step.terminated | step.truncated)
     assert CONFIG.num_eval_episodes == CONFIG.num_envs
-    np.testing.assert_allclose(score, total / CONFIG.num_envs, rtol=1e-6)
+    np.testing.assert_allclose(returns, total, rtol=1e-6)
     trainer.close()
     source.close()
 

@@ -99,5 +99,7 @@ def test_another_wrapper_hides_them():
 
 
 def test_an_unknown_id_of_the_module_is_refused():
-    with pytest.raises(ValueError, match=r"unknown environment .plant:Boilr-v0.: did you mean .*Boiler-v0"):
+    with pytest.raises(
+        ValueError, match=r"unknown environment .plant:Boilr-v0.: .* did you mean .*Boiler-v0"
+    ):
         sympol.resolve("plant:Boilr-v0")

@@ -95,7 +95,7 @@ def episode(name: str, policy: Policy, seed: int) -> dict[str, float]:
     while True:
         action = policy(theirs, rng)
         theirs, reward, terminated, truncated, _ = env.step(action)
-        moved = ours.step(engine_power(np.array([action])), every)
+        moved = ours.step(engine_power(np.array([action])), every, np.zeros(1, np.uint64))
         assert moved.reward[0] == reward
         assert (moved.terminated[0], moved.truncated[0]) == (terminated, truncated)
         total += float(reward)

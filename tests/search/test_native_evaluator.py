@@ -29,7 +29,8 @@ def test_whole_episodes_are_those_of_single_steps(name):
             seen, total, over = [], 0.0, False
             while not over:
                 seen.append(copies.observation[0].copy())
-                moved = copies.step(engine_power(np.asarray(tree.predict(seen[-1]))[None]), every)
+                power = engine_power(np.asarray(tree.predict(seen[-1]))[None])
+                moved = copies.step(power, every, np.zeros(1, np.uint64))
                 total += float(moved.reward[0])
                 over = bool(moved.terminated[0] or moved.truncated[0])
             assert played.lengths[i, j] == len(seen)

@@ -91,8 +91,8 @@ class Loop:
             lambda carry: self.iterate(hyper, *carry),
             (state, rollouts.buffer()),
         )
-        score, was_cut = rollouts.evaluate(state, seed)
-        return self._record(state, score)._replace(was_cut=was_cut)
+        returns, was_cut = rollouts.evaluate(state, seed)
+        return rollouts.end_segment(self._record(state, returns)._replace(was_cut=was_cut))
 
     def iterate(self, hyper: Hyperparameters, state: TrainState, buffer: Any) -> tuple[TrainState, Any]:
         """Collect a rollout and learn from it.
@@ -269,19 +269,19 @@ class Loop:
         timestep = state.timestep + (config.chunk_size << experience.stage)
         return state._replace(timestep=timestep, iteration=state.iteration + 1)
 
-    def record(self, state: TrainState, score: Array) -> TrainState:
+    def record(self, state: TrainState, returns: Array) -> TrainState:
         """Record a validation: the best actor, the learning rates, and with ``rollback`` the actor to continue from.
 
         Args:
             state: The state that was validated.
-            score: The mean return of the validation.
+            returns: The return of each validation episode.
 
         Returns:
             The state to continue from.
         """
         config, networks = self.config, state.networks
         validation = state.validation.update(
-            score, state.timestep, networks.actor, reduce_lr=config.reduce_lr
+            jnp.mean(returns), state.timestep, networks.actor, reduce_lr=config.reduce_lr
         )
         if state.warm is not None:  # the actor cannot improve while only the critic learns
             num_bad = jnp.where(only_critic_learns(config, state), 0, validation.num_bad)

@@ -42,14 +42,16 @@ class Rollouts(abc.ABC):
         limit: The number of steps after which a validation episode is cut.
     """
 
-    latest: TrainState | None = None
-    """The state after the last rollout, should the next one fail; None inside a compiled program."""
-
     def __init__(self, config: Config, algorithm: Algorithm, bounds: Bounded, limit: int) -> None:
         self.config = config
         self.algorithm = algorithm
         self.bounds = bounds
         self.limit = limit
+
+    @property
+    def latest(self) -> TrainState | None:
+        """The state after the last rollout, should the next one fail; None inside a compiled program."""
+        return None
 
     @abc.abstractmethod
     def compiled(self, function: Callable[..., Any], *, ahead: bool = False) -> Callable[..., Any]:
@@ -138,16 +140,31 @@ class Rollouts(abc.ABC):
         """
 
     @abc.abstractmethod
-    def evaluate(self, state: TrainState, seed: Any) -> tuple[Any, Any]:
+    def evaluate(self, state: TrainState, seed: Any, num_episodes: int | None = None) -> tuple[Any, Any]:
         """Play the validation episodes with the deterministic policy.
+
+        Episode i has the same seed in every validation of a training, however many are played, so that two
+        validations can be compared episode by episode.
 
         Args:
             state: The state of the training.
             seed: The seed of the training, from which the episodes' seeds follow.
+            num_episodes: The number of episodes, from the first; by default ``num_eval_episodes``.
 
         Returns:
-            The mean undiscounted return, and whether an episode was cut at the limit.
+            The undiscounted return of each episode, float32 ``[num_episodes]``, and whether one was cut at the limit.
         """
+
+    def end_segment(self, state: TrainState) -> TrainState:
+        """Add to the state what a checkpoint keeps of the running episodes, after the validation.
+
+        Args:
+            state: The state of the training.
+
+        Returns:
+            The state to save, or to continue from.
+        """
+        return state
 
     def close(self) -> None:  # noqa: B027  (a compiled program holds nothing)
         """Close what the host holds; it is opened again on demand."""
@@ -276,12 +293,16 @@ class JaxRollouts(Rollouts):
         state = state._replace(env_state=env_state, observation=observation, episodes=episodes)
         return state, Experience(rollout, normalize(observation), stage)
 
-    def evaluate(self, state: TrainState, seed: Any) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+    def evaluate(
+        self, state: TrainState, seed: Any, num_episodes: int | None = None
+    ) -> tuple[Float[Array, " episodes"], Bool[Array, ""]]:
         """See `Rollouts.evaluate`."""
         env, distribution, normalize = self.env, self.algorithm.distribution, state.normalizer
-        num_episodes, policy = self.config.num_eval_episodes, state.networks.actor.rollout()
-        key = purpose_key(seed, "validation")
-        reset_keys, step_keys = jax.random.split(key, (2, num_episodes))
+        policy, available = state.networks.actor.rollout(), self.config.num_eval_episodes
+        num_episodes = available if num_episodes is None else num_episodes
+        # keys are drawn for all of them, as the first of few would have others than the first of many
+        keys = jax.random.split(purpose_key(seed, "validation"), (2, max(available, num_episodes)))
+        reset_keys, step_keys = keys[:, :num_episodes]
         env_state, observation = jax.vmap(env.reset)(reset_keys)
 
         def running(carry: tuple[Int[Array, ""], Any, Array, Array, Array]) -> Array:
@@ -304,4 +325,4 @@ class JaxRollouts(Rollouts):
             jnp.zeros(num_episodes),
         )
         *_, done, total = jax.lax.while_loop(running, one_step, start)
-        return jnp.mean(total), ~jnp.all(done)
+        return total, ~jnp.all(done)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import os
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +18,7 @@ from ..runs.metadata import RunError, file_name
 from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
-from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .arguments import EnvKwargs, MaxRules, Text, env_kwargs, parse
 from .console import err, out
 from .summary import format_summary, print_next
 
@@ -44,7 +41,8 @@ class Distill:
     """Distill a policy into a decision tree, save it as a run, and compare the returns of both."""
 
     teacher: Text
-    """A run's folder, the zip of a stable-baselines3 model, or module:function, from an observation to an action."""
+    """A run's folder, the zip of a stable-baselines3 model, or module:function or file.py:function, from an
+    observation to an action."""
 
     method: Literal["viper", "dagger", "sa-dt", "discretize"] | None = None
     """By default discretize for a soft tree, viper for a teacher with action values, else dagger."""
@@ -55,14 +53,18 @@ class Distill:
     max_nodes: int | None = None
     """Maximum number of nodes, leaves included, an odd number: the tree grows where that gains most."""
 
+    max_rules: MaxRules = None
+    """Maximum number of leaves, in place of --max-nodes: a tree of N rules has 2 N - 1 nodes."""
+
     env: str | None = None
-    """Gymnasium id of the teacher's environment; a run knows its own, if its folder can make it."""
+    """Gymnasium id of the teacher's environment, or file.py:Name or module:Name; a run knows its own,
+    if its folder can make it."""
 
     env_kwargs: EnvKwargs = ()
     """Arguments of --env, such as view_size=5."""
 
     trust: bool = False
-    """Unpickle the zip, or import the module that a run's folder names: both run code of their author."""
+    """Unpickle the zip, or import the module or file that a run's folder names: both run code of their author."""
 
     seed: int = 0
     """Seed of everything random; the same seed gives the same tree."""
@@ -150,7 +152,7 @@ def find_teacher(given: Distill) -> tuple[Any, Teacher]:
             )
         return agent, as_teacher(agent, spec)
     module, colon, name = given.teacher.rpartition(":")
-    if colon and not path.exists():
+    if colon and name and not path.exists():
         policy = _import(module, name)
         return policy, as_teacher(policy, _spec(given))
     if not path.exists() and not path.with_name(f"{path.name}.zip").exists():
@@ -173,19 +175,15 @@ def _spec(given: Distill) -> EnvSpec:
 
 
 def _import(module: str, name: str) -> Any:
-    """``module:function``, the working directory's modules included, as ``python -m`` finds them."""
-    if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
+    from ..envs.user_code import CodeNotFound, find
+
     try:
-        found: Any = importlib.import_module(module)
-        for part in name.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(
+        return find(module, name)
+    except CodeNotFound as error:
+        raise CodeNotFound(
             f"cannot import {module}:{name} ({error}); TEACHER is a run's folder, the zip of a stable-baselines3 "
             "model, or module:function"
         ) from error
-    return found
 
 
 def _options(given: Distill, method: str) -> dict[str, Any]:
@@ -229,7 +227,7 @@ def _folder(given: Distill, spec: EnvSpec, name: str) -> Path:
         return given.out
     if Path(given.teacher).is_dir():
         return Path(given.teacher) / "distilled" / name
-    return Path("runs") / f"{file_name(spec.name)}-{name}"
+    return Path("runs") / f"{file_name(spec.short_name)}-{name}"
 
 
 def _finish(

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from .. import files
 from ..envs.origin import Origin
-from ..runs.metadata import CONFIG, RunError, require_no_import
+from ..runs.metadata import CONFIG, RunError
 from ..runs.run import Run
+from ..runs.trust import trusted_id
 from ..trees import DecisionTree
 from ..trees.text_parser import FENCE, parse_document
 from .arguments import PlaysRun
@@ -96,7 +97,8 @@ def _environment(path: Path, name: object, meta: object, *, trust: bool = False)
     """Return the environment that a file names; no module is imported for it, as the file may be a stranger's."""
     if not isinstance(name, str):
         raise RunError(f"{path} names the environment {name!r}, which must be text, such as 'CartPole-v1'")
-    require_no_import(name, path, trust=trust)
+    file = meta.get("file", "") if isinstance(meta, dict) else ""
+    exact = trusted_id(name, path, trust=trust, file=file if isinstance(file, str) else "")
 
     from ..envs.errors import UnknownEnvironment
     from ..envs.registry import resolve
@@ -104,7 +106,9 @@ def _environment(path: Path, name: object, meta: object, *, trust: bool = False)
     try:
         origin = Origin.from_dict(meta if isinstance(meta, dict) else {})
         if origin.not_kept:
-            raise RunError(f"{path} is of {name}, {origin.not_kept}; give the environment: --env module:Id")
-        return resolve(name, env_kwargs=origin.env_kwargs, wrappers=origin.wrappers)
+            raise RunError(
+                f"{path} is of {name}, {origin.not_kept}; give the environment: --env module:Id or --env file.py:Name"
+            )
+        return resolve(exact, env_kwargs=origin.env_kwargs, wrappers=origin.wrappers)
     except UnknownEnvironment as error:
         raise RunError(f"{path} acts on {name!r}, which is not known here: {error}") from error

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int, Int32, Shaped, UInt64
+from jaxtyping import Bool, Float32, Float64, Int, Int32, Int64, Shaped, UInt64
 from numpy import ndarray
 
 from ..types import Step
@@ -96,7 +96,9 @@ def steps_to_goal(
 class VectorEnvs(Protocol):
     """E copies of an environment that are stepped together on the host and restart by themselves.
 
-    `sympol.envs.host.HostEnvs` is the form for any Gymnasium environment.
+    The episodes are numbered: copy i plays those with the numbers i, i + E, i + 2 E and so on, and the seed of each
+    follows from its number (`sympol.envs.seeds.nth_episode_seed`), not from what happened before.
+    `sympol.envs.host_envs.HostEnvs` is the form for any Gymnasium environment.
     """
 
     @property
@@ -109,14 +111,25 @@ class VectorEnvs(Protocol):
         """True where `step` has truncated an episode at its ``max_steps`` since `reset`."""
         ...
 
-    def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
-        """Start an episode in every copy, each with its own seed derived from this one.
+    @property
+    def episode(self) -> Int64[ndarray, " envs"]:
+        """The number of the episode that each copy plays."""
+        ...
+
+    def reset(
+        self, seed: int, num_episodes: int | None = None, episodes: Int64[ndarray, " envs"] | None = None
+    ) -> Float32[ndarray, "envs features"]:
+        """Begin an episode in every copy.
 
         Args:
-            seed: The seed.
+            seed: The seed that all episodes' seeds are derived from.
+            num_episodes: How many episodes there are: those with this number and above do not begin. By default
+                there is no end of them.
+            episodes: The number of the episode that each copy begins, -1 where it continues its own; by default
+                the number of the copy.
 
         Returns:
-            The first observations.
+            The observations that the next actions answer to; of copies without an episode, zeros.
         """
         ...
 

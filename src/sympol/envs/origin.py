@@ -34,11 +34,13 @@ class Origin:
         env_kwargs: Arguments of `gymnasium.make`, or of the function that makes it.
         wrappers: Wrappers around it, from the innermost to the outermost.
         not_kept: Why id, arguments and wrappers do not make this environment again; empty where they do.
+        file: The absolute path of the file that an id such as ``tank.py:Tank`` names; empty for others.
     """
 
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     wrappers: tuple[Wrapping, ...] = ()
     not_kept: str = ""
+    file: str = ""
 
     @property
     def is_as_registered(self) -> bool:
@@ -49,15 +51,16 @@ class Origin:
         """Return the origin as TOML and JSON can hold it.
 
         Returns:
-            A dictionary of ``env_kwargs``, ``wrappers`` and ``not_kept``.
+            A dictionary of ``env_kwargs``, ``wrappers``, ``not_kept`` and ``file``.
         """
         if self.not_kept:
-            return {"env_kwargs": {}, "wrappers": [], "not_kept": self.not_kept}
+            return {"env_kwargs": {}, "wrappers": [], "not_kept": self.not_kept, "file": self.file}
         wrappers = [{"name": w.name, "kwargs": to_plain(dict(w.kwargs), w.name)} for w in self.wrappers]
         return {
             "env_kwargs": to_plain(dict(self.env_kwargs), "env_kwargs"),
             "wrappers": wrappers,
             "not_kept": "",
+            "file": self.file,
         }
 
     @classmethod
@@ -84,15 +87,18 @@ class Origin:
             ):
                 raise ValueError(f"wrappers must be tables of name and kwargs, got {wrapper!r}")
         read = tuple(Wrapping(w["name"], from_plain(w["kwargs"])) for w in wrappers)
-        return cls(from_plain(kwargs), read, str(content.get("not_kept", "")))
+        return cls(from_plain(kwargs), read, str(content.get("not_kept", "")), str(content.get("file", "")))
 
     @classmethod
-    def of_arguments(cls, env_kwargs: Mapping[str, Any], wrappers: tuple[Wrapping, ...] = ()) -> Origin:
+    def of_arguments(
+        cls, env_kwargs: Mapping[str, Any], wrappers: tuple[Wrapping, ...] = (), file: str = ""
+    ) -> Origin:
         """Describe an environment that was made by its id.
 
         Args:
             env_kwargs: The arguments.
             wrappers: The wrappers around it, from the innermost, of `KEPT_WRAPPERS`.
+            file: The file that the id names, if it names one.
 
         Returns:
             The origin.
@@ -100,5 +106,5 @@ class Origin:
         try:
             to_plain(dict(env_kwargs), "env_kwargs")
         except CannotKeep as problem:
-            return cls(env_kwargs, wrappers, f"with an argument that a folder cannot keep: {problem}")
-        return cls(env_kwargs, wrappers)
+            return cls(env_kwargs, wrappers, f"with an argument that a folder cannot keep: {problem}", file)
+        return cls(env_kwargs, wrappers, file=file)

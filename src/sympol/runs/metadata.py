@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import reprlib
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -36,6 +35,7 @@ _TYPES = {
     "env_kwargs": dict,
     "wrappers": list,
     "not_kept": str,
+    "file": str,
     "groups": list,
     "spaces": dict,
     "distilled": dict,
@@ -46,6 +46,7 @@ _OPTIONAL: dict[str, Any] = {
     "env_kwargs": {},
     "wrappers": [],
     "not_kept": "",
+    "file": "",
     "groups": [],
     "spaces": {},
     "distilled": {},
@@ -170,44 +171,6 @@ def read(path: Path) -> tuple[dict[str, Any], Config]:
         return metadata, Config.from_dict(config)
     except (ConfigError, TypeError, ValueError, OverflowError) as error:
         raise RunError(f"{file}: {str(error)[:_LONGEST]}") from error
-
-
-_RUNS_A_MODULE = ("GymV21Environment-v0", "GymV26Environment-v0")
-"""Ids of Gymnasium that import whatever module their arguments name."""
-
-
-def require_no_import(env: str, path: Path, *, trust: bool = False) -> None:
-    """Refuse an environment's id, as a file names it, that would have a module imported.
-
-    Args:
-        env: The id, such as ``"my_package:Tank-v0"``.
-        path: The folder or file that names it.
-        trust: Whether its module may be imported all the same.
-
-    Raises:
-        RunError: The module is not imported yet, and importing it would run its code.
-    """
-    module, _, env_id = env.rpartition(":")
-    if trust or (env_id not in _RUNS_A_MODULE and (not module or _is_from(module, env_id))):
-        return
-    raise RunError(
-        f"{path} names the environment {env!r}, which needs a module; folders and files have no module imported, "
-        f"because that runs its code: if you trust it, import it first with sympol --import {module or 'MODULE'} "
-        f"COMMAND, or say --trust or --env {env} where the command has these flags (in Python, env={env!r})"
-    )
-
-
-def _is_from(module: str, env_id: str) -> bool:
-    """Return whether a module is imported already and has registered an environment of its own by this id."""
-    if module not in sys.modules:
-        return False
-    import gymnasium
-
-    if (spec := gymnasium.registry.get(env_id)) is None:
-        return False
-    entry = spec.entry_point
-    home = entry.partition(":")[0] if isinstance(entry, str) else getattr(entry, "__module__", "")
-    return home.partition(".")[0] == module.partition(".")[0]
 
 
 def is_run(config_file: Path) -> bool:

@@ -31,14 +31,16 @@ from typing import TYPE_CHECKING, Any, Self
 from .. import files
 from ..algorithms.config import Config
 from ..bounded import parse_json
+from ..envs.libraries import is_library_id
 from ..envs.origin import Origin
 from ..trees import DecisionTree
 from ..version import __version__
 from .checkpoint import CheckpointError, has_checkpoints, load_latest, save
 from .clearing import FORMS, START, clear, folder_flag, require_free, written_by
 from .lock import FolderLock, Held
-from .metadata import CONFIG, RunError, WriteError, describe, read, require_no_import, short, to_toml
+from .metadata import CONFIG, RunError, WriteError, describe, read, short, to_toml
 from .metrics import MetricsFile
+from .trust import trusted_id
 
 if TYPE_CHECKING:
     from ..algorithms.state import TrainState
@@ -197,7 +199,7 @@ class Run:
         Args:
             path: The folder.
             env: The environment to use in place of the one that the folder names, as in `resolve`.
-            trust: Whether a module that the folder names may be imported, which runs its code.
+            trust: Whether a module or file that the folder names may be imported, which runs its code.
 
         Returns:
             The run, whose environment is not made yet.
@@ -214,8 +216,9 @@ class Run:
 
     @property
     def as_argument(self) -> str:
-        """Return the folder as an argument of commands, with --trust if its environment needs a module."""
-        return shlex.quote(str(self.path)) + (" --trust" if ":" in self.metadata["env"] else "")
+        """Return the folder as an argument of commands, with --trust if its environment needs code of the user's."""
+        env = self.metadata["env"]
+        return shlex.quote(str(self.path)) + (" --trust" if ":" in env and not is_library_id(env) else "")
 
     @property
     def has_tree(self) -> bool:
@@ -290,14 +293,16 @@ class Run:
             return resolve(self._env, **names)
         backend = self.metadata["backend"]
         remedy = (
-            "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id"
+            "give the environment itself: sympol.load(path, env=...), or on the command line --env module:Id or "
+            "--env file.py:Name"
         )
         name: str = self._env if isinstance(self._env, str) else self.metadata["env"]
         origin = Origin.from_dict(self.metadata)
         spaces = {} if is_named else self.metadata["spaces"]
         if origin.not_kept:
             raise RunError(f"{self.path} was trained on {name}, {origin.not_kept}; {remedy}")
-        require_no_import(name, self.path, trust=self._trust or is_named)
+        if not is_named:
+            name = trusted_id(name, self.path, trust=self._trust, file=origin.file)
         try:
             spec = resolve(
                 name,
@@ -309,8 +314,9 @@ class Run:
                 **names,
             )
         except UnknownEnvironment as error:
+            why = f"cannot be made here ({error})" if ":" in name else "is not known here"
             raise RunError(
-                f"{self.path} was trained on {name!r}, which is not known here; register it with "
+                f"{self.path} was trained on {self.metadata['env']!r}, which {why}; register it with "
                 f"sympol.register, or {remedy}"
             ) from error
         except (TypeError, ValueError) as error:
@@ -488,7 +494,7 @@ class Run:
 
 def _id(env: str) -> str:
     """Return an environment's id without the module that registers it."""
-    return env.rpartition(":")[2]
+    return env if is_library_id(env) else env.rpartition(":")[2]
 
 
 def _reason(error: OSError, path: Path) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import importlib
 import warnings
 from collections.abc import Mapping
 from functools import partial
@@ -13,6 +12,8 @@ import gymnasium
 
 from ..entries import REGISTERED, Adapter, Entry
 from ..errors import EnvironmentFailure, MissingExtra, UnknownEnvironment
+from ..named import import_named
+from ..user_code import in_words, split
 from . import all_ids, import_for
 
 _EXTRAS = ("box2d",)
@@ -31,7 +32,7 @@ def make(env_id: str, **kwargs: Any) -> gymnasium.Env:
     """Make an environment as `gymnasium.make` does.
 
     Args:
-        env_id: The id, or ``module:id`` where importing a module registers it.
+        env_id: The id, or ``module:id`` or ``file.py:id`` where importing a module or a file registers it.
         kwargs: The arguments of `gymnasium.make`.
 
     Returns:
@@ -60,14 +61,14 @@ def make(env_id: str, **kwargs: Any) -> gymnasium.Env:
     except gymnasium.error.Error:
         raise
     except Exception as error:
-        raise EnvironmentFailure(f"{env_id} cannot be made{_with(kwargs)}: {_in_words(error)}") from error
+        raise EnvironmentFailure(f"{env_id} cannot be made{_with(kwargs)}: {in_words(error)}") from error
 
 
 def require_known(env_id: str) -> str:
     """Return the id without its module, once that is imported.
 
     Args:
-        env_id: The id, or ``module:id``.
+        env_id: The id, ``module:id`` or ``file.py:id``.
 
     Returns:
         The id in Gymnasium's registry.
@@ -76,7 +77,7 @@ def require_known(env_id: str) -> str:
         UnknownEnvironment: No environment has this id, or there is no such module; with near ids.
         ImportError: The module is there, but importing it failed.
     """
-    module, _, name = env_id.rpartition(":")
+    module, name = split(env_id)
     import_for(name)
     try:
         if module:
@@ -88,41 +89,9 @@ def require_known(env_id: str) -> str:
         hint = f"did you mean {' or '.join(near)}?" if near else "nothing known has a similar name."
         raise UnknownEnvironment(
             f"unknown environment {env_id!r}: {hint} An id of another package needs its module before "
-            f"it, as in 'module:Name-v0'. ({error})"
+            f"it, as in 'module:Name-v0', and what is in a file needs the file, as in 'file.py:Name'. ({error})"
         ) from error
     return name
-
-
-def import_named(module: str) -> None:
-    """Import the module that a user named, for the environments that it registers.
-
-    Args:
-        module: Its name.
-
-    Raises:
-        UnknownEnvironment: There is no such module.
-        MissingExtra: It needs a package that is not installed.
-        ImportError: Importing it failed.
-    """
-    try:
-        importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        missing = error.name or ""
-        if module == missing or module.startswith(f"{missing}."):
-            raise UnknownEnvironment(
-                f"unknown environment: there is no module {missing}; is its folder on PYTHONPATH? ({error})"
-            ) from error
-        raise MissingExtra(
-            f"module {module} was found, but needs {missing}, which is not installed; install it"
-        ) from error
-    except (Exception, SystemExit) as error:
-        raise ImportError(
-            f"module {module} was found, but importing it failed: {_in_words(error)}"
-        ) from error
-
-
-def _in_words(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
 def _with(kwargs: Mapping[str, Any]) -> str:

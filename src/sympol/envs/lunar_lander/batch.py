@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, Shaped, UInt64
 from numpy import ndarray
 
 from .lander import FEATURES, LIMIT, start, step
@@ -68,14 +68,29 @@ class Copies:
         self._landings, self._lanes = allocate_landings(self.number), allocate_lanes()
         self.observation = np.zeros((self.number, FEATURES), np.float32)
         """The observations that the next actions answer to."""
-        _start(self._landings, seeds, self.observation, self._lanes)
+        self.restart(np.arange(self.number), seeds)
 
-    def step(self, power: Float64[ndarray, "copies 2"], wanted: Bool[ndarray, " copies"]) -> StepResult:
+    def restart(self, which: Int64[ndarray, " restarted"], seeds: UInt64[ndarray, " copies"]) -> None:
+        """Begin new episodes in some copies.
+
+        Args:
+            which: The copies.
+            seeds: The seed of each copy's episode, of those that go on, too.
+        """
+        _start(self._landings, which, seeds, self.observation, self._lanes)
+
+    def step(
+        self,
+        power: Float64[ndarray, "copies 2"],
+        wanted: Bool[ndarray, " copies"],
+        next_seeds: UInt64[ndarray, " copies"],
+    ) -> StepResult:
         """Take one step in those copies that are wanted. Where it ends an episode, the next one starts.
 
         Args:
             power: The power of each copy's engines.
             wanted: Which copies to step.
+            next_seeds: The seed of each copy's next episode.
 
         Returns:
             The results, with the true last observation of every episode that ended.
@@ -83,7 +98,8 @@ class Copies:
         observation, reward = np.zeros((self.number, FEATURES), np.float32), np.zeros(self.number)
         ends = np.zeros((self.number, 2), bool)
         which = np.flatnonzero(wanted)
-        _step(self._landings, which, power, observation, self.observation, reward, ends, self._lanes)
+        following = self.observation
+        _step(self._landings, which, power, next_seeds, observation, following, reward, ends, self._lanes)
         return StepResult(observation, reward, ends[:, 0], ends[:, 1])
 
 
@@ -178,19 +194,19 @@ def _allocate(number: int) -> Batch:
 
 
 @compiled
-def _start(landings, seeds, observation, lanes):
+def _start(landings, which, seeds, observation, lanes):
     landings, lanes = borrowed_landings(landings), borrowed_lanes(lanes)
-    for at in range(len(seeds)):
+    for at in which:
         start(landings, at, seeds[at], observation[at], lanes)
 
 
 @compiled
-def _step(landings, wanted, power, observation, following, reward, ends, lanes):
+def _step(landings, wanted, power, seeds, observation, following, reward, ends, lanes):
     landings, lanes = borrowed_landings(landings), borrowed_lanes(lanes)
     step(landings, wanted, power, observation, reward, ends, lanes)
     for at in wanted:
         if ends[at, 0] or ends[at, 1]:
-            start(landings, at, landings.game[at, 0].random, following[at], lanes)
+            start(landings, at, seeds[at], following[at], lanes)
         else:
             following[at] = observation[at]
 

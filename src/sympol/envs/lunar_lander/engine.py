@@ -9,12 +9,13 @@ import importlib.util
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, Shaped, UInt64
 from numpy import ndarray
 
 from ...types import Step
 from ..capabilities import TreeArrays
 from ..errors import MissingExtra
+from ..seeds import nth_episode_seed
 
 IDS = ("LunarLander-v3", "LunarLanderContinuous-v3")
 """Environments that do the same as Gymnasium's to the bit (tests/parity/test_lunar_lander.py)."""
@@ -92,6 +93,8 @@ class NativeEnvs:
 
     def __init__(self, num_envs: int):
         self._num_envs, self._copies = num_envs, None
+        self._seed, self._next_seeds = 0, np.zeros(num_envs, np.uint64)
+        self._episode = np.arange(num_envs)
 
     @property
     def num_envs(self) -> int:
@@ -103,8 +106,17 @@ class NativeEnvs:
         """False: the landers have a time limit of their own."""
         return False
 
-    def reset(self, seed: int) -> Float32[ndarray, "envs features"]:
-        """Start an episode in every copy, each with its own seed derived from this one.
+    @property
+    def episode(self) -> Int64[ndarray, " envs"]:
+        """The number of the episode that each copy plays."""
+        return self._episode.copy()
+
+    def reset(
+        self, seed: int, num_episodes: int | None = None, episodes: Int64[ndarray, " envs"] | None = None
+    ) -> Float32[ndarray, "envs features"]:
+        """Begin an episode in every copy; ``num_episodes`` is ignored, as more cost next to nothing.
+
+        See `VectorEnvs.reset`.
 
         Raises:
             MissingExtra: Numba is not installed.
@@ -112,8 +124,19 @@ class NativeEnvs:
         ENGINE.require_installed()
         from .batch import Copies
 
-        self._copies = Copies(np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint64))
+        numbers = np.arange(self.num_envs) if episodes is None else np.asarray(episodes, np.int64)
+        begins = numbers >= 0
+        self._seed, self._episode = seed, np.where(begins, numbers, self._episode)
+        seeds = self._seeds(self._episode)
+        if self._copies is None or begins.all():
+            self._copies = Copies(seeds)
+        else:
+            self._copies.restart(np.flatnonzero(begins), seeds)
+        self._next_seeds = self._seeds(self._episode + self.num_envs)
         return self._copies.observation.copy()
+
+    def _seeds(self, episodes: Int64[ndarray, " n"]) -> UInt64[ndarray, " n"]:
+        return np.array([nth_episode_seed(self._seed, int(i), np.uint64) for i in episodes], np.uint64)
 
     def step(
         self,
@@ -126,7 +149,10 @@ class NativeEnvs:
         from .batch import engine_power
 
         every = np.ones(self.num_envs, bool) if wanted is None else wanted
-        result = self._copies.step(engine_power(np.asarray(actions)), every)
+        result = self._copies.step(engine_power(np.asarray(actions)), every, self._next_seeds)
+        ended = np.flatnonzero(result.terminated | result.truncated)
+        self._episode[ended] += self.num_envs
+        self._next_seeds[ended] = self._seeds(self._episode[ended] + self.num_envs)
         step: Any = (
             result.observation,
             result.reward.astype(np.float32),
