@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar, Self, final
@@ -128,11 +128,13 @@ class Agent(abc.ABC):
         if "num_envs" not in config:
             warn_of_one_copy(spec)
         self._set(spec, _config(spec, preset, values, begins_with), number, preset, begins_with)
+        self._given = values
 
     def _set(self, spec: EnvSpec, config: Config, seed: int, preset: str, start: Start | None) -> None:
         """Set the attributes of an agent that has learnt nothing."""
         self.spec = spec.trained_with(config.num_envs)
         self.config = config
+        self._given: Mapping[str, Any] = asdict(config)
         self.seed = seed
         self.preset = preset
         self.start = start
@@ -165,7 +167,7 @@ class Agent(abc.ABC):
 
         Args:
             total_timesteps: Environment steps of the whole training, in place of the config's. Schedules run over
-                them, so the number cannot change once training has begun.
+                them, and defaults without a preset follow them, so the number cannot change once training has begun.
             callback: One or several functions that get a `Report` after each validation; if one returns False,
                 training ends there.
             progress_bar: Whether to show progress on the terminal.
@@ -185,7 +187,9 @@ class Agent(abc.ABC):
                     f"total_timesteps is {self.config.total_timesteps} and cannot become {total_timesteps} after "
                     f"{self.num_timesteps} steps of training; make a new agent"
                 )
-            self.config = replace(self.config, total_timesteps=total_timesteps)
+            given = {**self._given, "total_timesteps": total_timesteps}
+            self.config = _config(self.spec, self.preset, given, self.start)
+            self.spec = self.spec.trained_with(self.config.num_envs)
         if self.num_timesteps >= self.config.total_timesteps:
             raise ValueError(
                 f"this agent has been trained for all its {self.config.total_timesteps} steps; make a new one, with "
@@ -476,9 +480,16 @@ def _checked_seed(seed: object) -> int:
 
 
 def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | None) -> Config:
-    values = preset(spec.preset_id, name, policy=overrides["policy"], algorithm=overrides["algorithm"])
     if not spec.can_be_copied:
-        values = {**values, "num_envs": 1}
+        overrides = {"num_envs": 1, **overrides}
+    values = preset(
+        spec.preset_id,
+        name,
+        policy=overrides["policy"],
+        algorithm=overrides["algorithm"],
+        given=overrides,
+        from_tree=start is not None,
+    )
     if start is not None and overrides["policy"] == "tree":
         values = start.deepened(values)
     config = Config.from_dict({**values, **overrides})

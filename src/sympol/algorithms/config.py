@@ -132,6 +132,11 @@ class Config:
     num_eval_episodes: int = knob(32, low=1, high=100_000)
     """Episodes of each validation, on seeds used for nothing else."""
 
+    eval_share: float = knob(0.0, low=0, high=100)
+    """The most environment steps of all validations together, as a part of the training's, where the host steps the
+    environment: a validation plays fewer than num_eval_episodes episodes where these would take longer, but at least
+    four. 0 always plays all."""
+
     learning_rate_feature_logits: float = knob(
         0.01, low=0, high=10, traced=True, only=("tree",), search=Range(1e-4, 0.1, log=True)
     )
@@ -176,11 +181,6 @@ class Config:
     gae_lambda: float = knob(0.95, low=0, high=1, traced=True, search=(0.8, 0.9, 0.95, 0.99))
     """λ of generalized advantage estimation."""
 
-    target_kl: float = knob(0.0, low=0, high=10, only=("ppo",))
-    """Where the policy moves further than this in one rollout (the Kullback-Leibler divergence from the policy that
-    collected it), the remaining epochs are skipped and the actor's learning rates fall; where it moves less than half
-    as far, they rise. 0 does neither."""
-
     clip_eps: float = knob(0.2, low=1e-6, high=100, traced=True, only=("ppo",))
     """The largest distance of the probability ratio from 1 that PPO rewards."""
 
@@ -207,8 +207,8 @@ class Config:
 
     grow_splits: bool = knob(False, only=("tree",))
     """Begin with a single leaf, and split a leaf where the policy gradient of a rollout differs on the two sides of the
-    best split by more than chance; gradient descent trains what is there. Without, all splits are there from the
-    start, at random. A training that starts from a tree grows nothing."""
+    best split by more than chance. Otherwise all splits are there from the start, at random. With max_nodes the tree
+    grows to that size and no further."""
 
     reward_scale: float = knob(1.0, low=1e-9, high=1e9, traced=True)
     """Factor of the rewards in learning, never in reports. The critic learns best where returns are about 1."""
@@ -350,6 +350,11 @@ def _check_together(config: Config) -> None:
     if config.critic != "mlp" and config.critic != config.policy:
         raise ConfigError(
             f"critic must be mlp or, as it shares the actor's architecture, {config.policy!r}, got {config.critic!r}"
+        )
+    if config.grow_splits and config.node_price:
+        raise ConfigError(
+            f"grow_splits must be False with a node_price, got node_price {config.node_price}: what its pruning cuts "
+            "would grow again; limit the size by max_nodes instead"
         )
     for field in dataclasses.fields(config):
         if (

@@ -31,6 +31,9 @@ from .replay import (
 from .rollouts import Rollouts, validation_limit
 from .state import Normalizer, TrainState
 
+FEWEST_EPISODES = 4
+"""Episodes of a validation however long they take (`Config.eval_share`)."""
+
 
 class HostRollouts(Rollouts):
     """Copies of an environment that are stepped through Gymnasium's API or in native code.
@@ -238,7 +241,17 @@ class HostRollouts(Rollouts):
     ) -> tuple[Float32[np.ndarray, " episodes"], bool]:
         """See `Rollouts.evaluate`. An episode that reaches `limit` is cut there, and its copy begins the next one."""
         with _with_step(int(state.timestep), "in validation"):
-            return self._play(state, int(seed), num_episodes or self.config.num_eval_episodes)
+            return self._play(state, int(seed), num_episodes or self._affordable(state))
+
+    def _affordable(self, state: TrainState) -> int:
+        """Return how many episodes a validation may play, going by the length of those since the last one."""
+        config, episodes = self.config, state.episodes
+        if not config.eval_share:
+            return config.num_eval_episodes
+        ended = int(episodes.num_ended)
+        length = int(episodes.sum_length) / ended if ended else self.limit
+        steps = config.eval_share * config.total_timesteps / config.num_evals
+        return min(max(int(steps / length), FEWEST_EPISODES), config.num_eval_episodes)
 
     def _play(
         self, state: TrainState, seed: int, num_episodes: int

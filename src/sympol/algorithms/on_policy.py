@@ -61,18 +61,6 @@ def _linear(progress: Float[Array, ""], end_factor: Float[Array, ""]) -> Float[A
     return 1 + (end_factor - 1) * jnp.clip(progress, 0, 1)
 
 
-class OnPolicyMemory(NamedTuple):
-    """What is kept from one rollout to the next.
-
-    Attributes:
-        returns: The scale of the critic; None where returns are not normalized.
-        actor_rate: The factor of the actor's learning rates; None where no divergence is aimed at.
-    """
-
-    returns: ReturnScale | None
-    actor_rate: Float[Array, ""] | None
-
-
 class OnPolicy(Algorithm):
     """An algorithm that learns from each rollout once, with a critic of state values."""
 
@@ -93,10 +81,11 @@ class OnPolicy(Algorithm):
             The state, with another actor that acts as the one before.
         """
         actor: Any = state.networks.actor
-        if not (self.config.grow_splits and state.warm is None):
+        if not self.config.grow_splits:
             return state
         gradients = output_gradients(self.distribution, actor, batch.x, batch.action, batch.advantage)
-        actor = grow(actor, batch.x, gradients, self.config.chunk_size << stage, 2**self.config.depth)
+        limit = self.config.max_nodes or 2 ** (self.config.depth + 1)
+        actor = grow(actor, batch.x, gradients, self.config.chunk_size << stage, (limit + 1) // 2)
         return state._replace(networks=state.networks._replace(actor=actor))
 
 
@@ -120,7 +109,7 @@ def make_batch(
         One row for each sample of the buffer, where rows beyond the valid chunks mean nothing; and the state to learn
         from them, whose critic has the scale of the value targets.
     """
-    networks, returns = state.networks, state.memory.returns
+    networks, returns = state.networks, state.memory
     rollout, next_x, num_chunks = experience.rollout, experience.next_x, experience.num_chunks
     max_chunks, chunk_steps, num_envs = rollout.reward.shape
     policy, log_std = networks.actor.rollout(), networks.actor.log_std

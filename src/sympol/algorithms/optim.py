@@ -41,10 +41,7 @@ def labels(networks: Networks) -> Networks:
 
 
 def optimizer(
-    hyper: Hyperparameters,
-    factor: Float[Array, ""],
-    networks: Networks,
-    actor_factor: Float[Array, ""] | None = None,
+    hyper: Hyperparameters, factor: Float[Array, ""], networks: Networks
 ) -> optax.GradientTransformation:
     """Make the update rule.
 
@@ -52,19 +49,13 @@ def optimizer(
         hyper: The traced hyperparameters; they may be tracers.
         factor: Scales every learning rate.
         networks: The parameters, for their groups.
-        actor_factor: Scales the learning rates of the actor, too, if given.
 
     Returns:
         The transformation of gradients into updates.
     """
     names = labels(networks)
     decayed = jax.tree.map(lambda name: name in DECAYED, names)
-    of_actor = factor if actor_factor is None else factor * actor_factor
-
-    def rate(name: str) -> Any:
-        return -(factor if name == "critic" else of_actor) * getattr(hyper, f"learning_rate_{name}")
-
-    rates = jax.tree.map(rate, names)
+    rates = jax.tree.map(lambda name: -factor * getattr(hyper, f"learning_rate_{name}"), names)
     return optax.chain(
         optax.scale_by_adam(eps=ADAM_EPS),
         optax.add_decayed_weights(hyper.weight_decay, decayed),
@@ -86,7 +77,6 @@ def apply_gradients(
     hyper: Hyperparameters,
     factor: Float[Array, ""],
     mask: Networks | None = None,
-    actor_factor: Float[Array, ""] | None = None,
 ) -> tuple[Networks, optax.OptState]:
     """Take one optimizer step.
 
@@ -98,7 +88,6 @@ def apply_gradients(
         factor: Scales every learning rate.
         mask: Parameters that are frozen, see `frozen`. They stay the same to the bit, and their gradient counts
             neither in the norm that is clipped nor in Adam's moments.
-        actor_factor: Scales the learning rates of the actor, too, if given.
 
     Returns:
         The new parameters and the new state of the optimizer.
@@ -108,9 +97,7 @@ def apply_gradients(
     parameters: Any = networks
     clipped: Any = Networks(*(clip_by_norm(part, hyper.max_grad_norm) for part in gradient))
     with jax.numpy_dtype_promotion("standard"):  # Optax raises floats to its integer count
-        updates, opt_state = optimizer(hyper, factor, networks, actor_factor).update(
-            clipped, opt_state, parameters
-        )
+        updates, opt_state = optimizer(hyper, factor, networks).update(clipped, opt_state, parameters)
     updated = _bounded(eqx.apply_updates(networks, updates))
     if mask is not None:
         updated = jax.tree.map(jnp.where, mask, networks, updated)

@@ -17,13 +17,6 @@ from .on_policy import Batch, OnPolicy, coefficients, make_batch
 from .optim import Networks, apply_gradients, frozen
 from .state import TrainState
 
-KL = "train/approx_kl"
-FARTHEST = 1.5
-"""The multiple of ``target_kl`` beyond which no epoch follows."""
-RATE_STEP = 1.2
-"""The factor by which the actor's learning rates change from one rollout to the next."""
-RATE_BOUNDS = (0.05, 2.0)
-
 
 class PPO(OnPolicy):
     """Several epochs of minibatch steps on the clipped surrogate of each rollout."""
@@ -62,40 +55,15 @@ class PPO(OnPolicy):
 
                 zeros = jax.tree.map(jnp.zeros_like, (networks, metrics))
                 gradient, aux = mean_of(jax.lax.fori_loop(0, accumulate, add, zeros), accumulate)
-                networks, opt_state = apply_gradients(
-                    networks, gradient, opt_state, hyper, rate, mask, state.memory.actor_rate
-                )
+                networks, opt_state = apply_gradients(networks, gradient, opt_state, hyper, rate, mask)
                 return networks, opt_state, jax.tree.map(jnp.add, metrics, aux)
 
             return jax.lax.fori_loop(0, num_micro // accumulate, step, carry)
 
         _, metrics = jax.eval_shape(loss, state.networks, samples)
         carry = (state.networks, state.opt_state, zeros_of(metrics))
-        steps = num_micro // accumulate
-        if not config.target_kl:
-            networks, opt_state, metrics = jax.lax.fori_loop(0, config.num_epochs, epoch, carry)
-            metrics = mean_of(metrics, config.num_epochs * steps)
-            return state._replace(networks=networks, opt_state=opt_state), metrics
-
-        def is_near(carry: Any) -> Array:
-            i, kl, _ = carry
-            return (i < config.num_epochs) & (kl <= FARTHEST * config.target_kl)
-
-        def next_epoch(carry: Any) -> Any:
-            i, _, before = carry
-            after = epoch(i, before)
-            kl = (after[2][KL] - before[2][KL]) / steps
-            return i + 1, kl, after
-
-        epochs, kl, (networks, opt_state, metrics) = jax.lax.while_loop(
-            is_near, next_epoch, (jnp.int32(0), jnp.float32(0), carry)
-        )
-        step = jnp.where(
-            kl > config.target_kl, 1 / RATE_STEP, jnp.where(kl < config.target_kl / 2, RATE_STEP, 1)
-        )
-        actor_rate = jnp.clip(state.memory.actor_rate * step, *RATE_BOUNDS)
-        state = state._replace(memory=state.memory._replace(actor_rate=actor_rate))
-        metrics = mean_of(metrics, epochs * steps) | {"train/actor_rate": actor_rate}
+        networks, opt_state, metrics = jax.lax.fori_loop(0, config.num_epochs, epoch, carry)
+        metrics = mean_of(metrics, config.num_epochs * (num_micro // accumulate))
         return state._replace(networks=networks, opt_state=opt_state), metrics
 
 
@@ -130,6 +98,6 @@ def ppo_loss(
         "train/policy_gradient_loss": policy_loss,
         "train/value_loss": value_loss,
         "train/entropy": entropy,
-        KL: jnp.mean(ratio - 1 - log_ratio),
+        "train/approx_kl": jnp.mean(ratio - 1 - log_ratio),
         "train/clip_fraction": jnp.mean((jnp.abs(ratio - 1) > hyper.clip_eps).astype(jnp.float32)),
     }

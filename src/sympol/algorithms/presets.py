@@ -12,6 +12,7 @@ from typing import Any
 from .. import files
 from ..bounded import LARGEST_BY_HAND, parse_toml
 from .config import ConfigError
+from .recipe import recipe
 
 DEFAULT = "default"
 ANY = "any"
@@ -40,20 +41,40 @@ def _sections(env_name: str) -> dict[str, Any]:
 
 
 def preset(
-    env_name: str, name: str = DEFAULT, *, policy: str = "tree", algorithm: str = "ppo"
+    env_name: str,
+    name: str = DEFAULT,
+    *,
+    policy: str = "tree",
+    algorithm: str = "ppo",
+    given: Mapping[str, Any] | None = None,
+    from_tree: bool = False,
 ) -> dict[str, Any]:
-    """The fields that a preset sets. An environment without a default has that of any environment.
+    """Return the fields that a preset sets. An environment without a default has that of any environment.
 
     A name that ends in .toml or has a slash is the path of a file that holds the preset (`sympol tune`).
 
+    Args:
+        env_name: The id of the environment.
+        name: The name of the preset.
+        policy: The policy, as in ``Config.policy``.
+        algorithm: The algorithm, as in ``Config.algorithm``.
+        given: Fields that the user chose. The defaults of a tree for any environment follow the number of
+            environment steps, and what else is chosen (`sympol.algorithms.recipe`).
+        from_tree: Whether the training starts from a tree.
+
+    Returns:
+        Fields of a `Config` by name; not those that are given.
+
     Raises:
-        ConfigError: there is no such preset.
+        ConfigError: There is no such preset.
     """
     if is_path(name):
         return _of_file(Path(name), policy, algorithm)
     presets = presets_of(env_name, policy, algorithm)
-    if name == DEFAULT:
-        presets = {**presets_of(ANY, policy, algorithm), **presets}
+    if name == DEFAULT and name not in presets:
+        if (algorithm, policy) == ("ppo", "tree"):
+            return recipe(given or {}, from_tree=from_tree)
+        presets = presets_of(ANY, policy, algorithm)
     if name not in presets:
         if name == DEFAULT:
             return {}

@@ -27,15 +27,13 @@ from ..policies.distributions import Distribution
 from ..policies.embed import MARGIN
 from ..policies.tree import MASKED, Tree
 
-import os as _os
-
-FEWEST = int(_os.environ.get("FEWEST", "8"))
+FEWEST = 8
 """Samples that each side of a new split must have."""
 
 NUM_EDGES = 32
 """Thresholds that are tried for each feature: quantiles of the rollout."""
 
-CHANCE = float(_os.environ.get("CHANCE", "0.05"))
+CHANCE = 0.05
 """The probability that a leaf is split where there is nothing to gain."""
 
 

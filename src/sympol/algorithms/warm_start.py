@@ -86,11 +86,16 @@ class Start:
             config: The config.
 
         Raises:
-            ConfigError: The policy is no tree, the tree is too deep, or nodes are frozen that a size limit would prune.
+            ConfigError: The policy is no tree, the tree is too deep, splits are to be grown, or nodes are frozen that
+                a size limit would prune.
         """
         if config.policy != "tree":
             raise ConfigError(
                 f"only a tree can start from a tree; policy is {config.policy!r}, leave start out"
+            )
+        if config.grow_splits:
+            raise ConfigError(
+                "grow_splits must be False for a training that starts from a tree, whose splits are there already"
             )
         if self.freeze and (config.max_nodes or config.node_price):
             raise ConfigError(

@@ -147,7 +147,13 @@ def parse_train(words: Sequence[str]) -> Train:
         asks = {"-h", "--help"} & set(words)
         first = parse(type(first), "train", [a for a in words if a not in asks])
     which = {"algorithm": first.config.algorithm, "policy": first.config.policy}
-    values = preset("" if first.env_kwargs else first.env, first.preset, **which)
+    values = preset(
+        "" if first.env_kwargs else first.env,
+        first.preset,
+        given={field.name: getattr(first.config, field.name) for field in dataclasses.fields(Config)},
+        from_tree=first.start is not None,
+        **which,
+    )
     if first.start is not None and first.config.policy == "tree":
         values = {**values, "depth": max(values.get("depth", Config.depth), tree_from(first.start).depth)}
     return parse(Train, "train", words, Train("", config=Config.from_dict({**which, **values})))

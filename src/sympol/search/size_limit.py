@@ -43,8 +43,11 @@ updates come early: after half of the steps too few would be left to recover the
 
 
 def has_limit(config: Config) -> bool:
-    """Return True where a training has a limit of size."""
-    return config.max_nodes > 0 or config.node_price > 0
+    """Return True where a training has a limit of size that is imposed by pruning.
+
+    A tree that grows (`Config.grow_splits`) never exceeds its limit.
+    """
+    return (config.max_nodes > 0 and not config.grow_splits) or config.node_price > 0
 
 
 def prune_step(config: Config) -> int:
