@@ -64,10 +64,9 @@ def _linear(progress: Float[Array, ""], end_factor: Float[Array, ""]) -> Float[A
 class OnPolicy(Algorithm):
     """An algorithm that learns from each rollout once, with a critic of state values."""
 
-    def init_memory(self, networks: Networks) -> OnPolicyMemory:
-        """Return what is kept before the first rollout."""
-        returns = ReturnScale.zeros() if self.config.normalize_returns else None
-        return OnPolicyMemory(returns, jnp.float32(1) if self.config.target_kl else None)
+    def init_memory(self, networks: Networks) -> ReturnScale | None:
+        """Return the scale of the critic before the first rollout, if returns are normalized."""
+        return ReturnScale.zeros() if self.config.normalize_returns else None
 
     def grown(self, state: TrainState, batch: Batch, stage: Int[Array, ""]) -> TrainState:
         """Return the state after its tree has grown (`split_growth`), if it does.
