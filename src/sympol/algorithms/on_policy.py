@@ -166,9 +166,7 @@ def make_batch(
     if returns is not None:
         moved = returns.after(sums[0] / count, sums[1] / count, sums[2])
         critic = rescale_critic(networks.critic, returns, moved)
-        state = state._replace(
-            networks=networks._replace(critic=critic), memory=state.memory._replace(returns=moved)
-        )
+        state = state._replace(networks=networks._replace(critic=critic), memory=moved)
         target = moved.to_output(target)
     if config.norm_adv:
         mean, square = (m / count for m in moments)
