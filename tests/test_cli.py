@@ -227,9 +227,9 @@ def test_whole_numbers_may_be_written_as_floats(word, number):
     assert (given.seed, given.config.critic_hidden) == (1, (8, 4))
 
 
-@pytest.mark.parametrize("word", ["4.5", "1e", "inf", "nan", "200k", "1e400", ""])
+@pytest.mark.parametrize("word", ["4.5", "1e", "inf", "nan", "200q", "1e400", ""])
 def test_what_is_no_whole_number_is_said(word):
-    with pytest.raises(ValueError, match=rf"--total-timesteps.*must be a whole number, got '{word}'"):
+    with pytest.raises(ValueError, match=rf"--total-timesteps.*must be a whole number.*, got '{word}'"):
         parse_train(["CartPole-v1", "--total-timesteps", word])
 
 

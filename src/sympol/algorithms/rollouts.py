@@ -43,14 +43,16 @@ class Rollouts(abc.ABC):
         limit: The number of steps after which a validation episode is cut.
     """
 
-    latest: TrainState | None = None
-    """The state after the last rollout, should the next one fail; None inside a compiled program."""
-
     def __init__(self, config: Config, algorithm: Algorithm, bounds: Bounded, limit: int) -> None:
         self.config = config
         self.algorithm = algorithm
         self.bounds = bounds
         self.limit = limit
+
+    @property
+    def latest(self) -> TrainState | None:
+        """The state after the last rollout, should the next one fail; None inside a compiled program."""
+        return None
 
     @abc.abstractmethod
     def compiled(self, function: Callable[..., Any], *, ahead: bool = False) -> Callable[..., Any]:
@@ -153,6 +155,17 @@ class Rollouts(abc.ABC):
         Returns:
             The undiscounted return of each episode, float32 ``[num_episodes]``, and whether one was cut at the limit.
         """
+
+    def end_segment(self, state: TrainState) -> TrainState:
+        """Add to the state what a checkpoint keeps of the running episodes, after the validation.
+
+        Args:
+            state: The state of the training.
+
+        Returns:
+            The state to save, or to continue from.
+        """
+        return state
 
     def close(self) -> None:  # noqa: B027  (a compiled program holds nothing)
         """Close what the host holds; it is opened again on demand."""

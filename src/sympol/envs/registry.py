@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any, get_args
 
@@ -22,7 +22,8 @@ from .names import NAMES, known_names
 from .on_host import OnHost
 from .origin import Origin, Wrapping
 from .recorded import Recorded
-from .sources import Source, is_factory, make_wrapped, open_source
+from .remake import make_wrapped
+from .sources import Source, is_factory, open_source
 from .spaces import Features, action_spec
 from .spec import Backend, EnvSpec, HostFactory, not_listed
 from .user_code import absolute, is_file, short, split
@@ -125,9 +126,11 @@ def resolve(
             observation_space,
             own("feature_names", feature_names),
             own("groups", groups),
-            _integers(jax_env, known) if recorded is None else recorded.integers,
+            _integers(source.example, known) if recorded is None else recorded.integers,
         ),
-        actions=action_spec(action_space, own("action_names", action_names)),
+        actions=action_spec(
+            action_space, own("action_names", action_names), _carried(source.example, "action_options")
+        ),
         max_episode_steps=source.max_episode_steps,
         has_one_copy=source.has_one_copy,
         native=native,
@@ -178,7 +181,6 @@ def _later(
 ) -> HostFactory:
     """Return a function that makes an environment, which is compared with what was recorded when the first is made."""
 
-    @cache
     def make_host() -> HostFactory:
         found = resolve(env_id, env_kwargs=kwargs, wrappers=wrappers, backend="host")
         for space in ("observation_space", "action_space"):
@@ -190,7 +192,25 @@ def _later(
                 )
         return found.make_host
 
-    return lambda **options: make_host()(**options)
+    return _Later(make_host)
+
+
+class _Later:
+    """A function that makes an environment, found when it is first called or sent to another process."""
+
+    def __init__(self, find: Callable[[], HostFactory]) -> None:
+        self._find = cache(find)
+
+    def __call__(self, **options: Any) -> gymnasium.Env:
+        return self._find()(**options)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return identity, (self._find(),)
+
+
+def identity(make: HostFactory) -> HostFactory:
+    """Return the function; this is what a worker process makes of a `_Later`."""
+    return make
 
 
 def _entry(env_id: str) -> Entry:
@@ -226,9 +246,10 @@ def _carried(example: gymnasium.Env | Env | Recorded, what: str) -> Any:
     return found
 
 
-def _integers(jax_env: Env | None, known: Mapping[str, Any]) -> Sequence[int]:
-    """Return the positions of features that are whole numbers, though the space of an environment does not say so."""
-    return getattr(jax_env, "integers", known.get("integers", ()))
+def _integers(example: Any, known: Mapping[str, Any]) -> Sequence[int]:
+    """Return the positions of features that are whole numbers, as the environment or our table of names says."""
+    carried = _carried(example, "integers")
+    return known.get("integers", ()) if carried is None else carried
 
 
 def _is_replaced(env_id: str) -> bool:
