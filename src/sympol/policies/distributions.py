@@ -225,15 +225,15 @@ class DiagonalGaussian:
         low: The lower bounds, in the environment's units.
         high: The upper bounds.
         shape: The shape of an action.
-        units: The unit of each dimension in which actions are sampled (`sympol.policies.action_units`).
-        centers: The middle of the range of each dimension, in that unit.
+        units: The unit of each dimension in which actions are sampled (`sympol.policies.action_units`); empty for 1.
+        centers: The middle of the range of each dimension, in that unit; empty for 0.
     """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     shape: tuple[int, ...]
-    units: tuple[float, ...]
-    centers: tuple[float, ...]
+    units: tuple[float, ...] = ()
+    centers: tuple[float, ...] = ()
 
     @property
     def num_outputs(self) -> int:
