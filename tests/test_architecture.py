@@ -18,6 +18,7 @@ PACKAGE = "sympol"
 BELOW: dict[str, set[str]] = {
     "files": set(),
     "bounded": set(),
+    "counts": set(),
     "types": set(),
     "seeds": set(),
     "version": set(),

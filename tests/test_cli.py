@@ -227,9 +227,9 @@ def test_whole_numbers_may_be_written_as_floats(word, number):
     assert (given.seed, given.config.critic_hidden) == (1, (8, 4))
 
 
-@pytest.mark.parametrize("word", ["4.5", "1e", "inf", "nan", "200k", "1e400", ""])
+@pytest.mark.parametrize("word", ["4.5", "1e", "inf", "nan", "200q", "1e400", ""])
 def test_what_is_no_whole_number_is_said(word):
-    with pytest.raises(ValueError, match=rf"--total-timesteps.*must be a whole number, got '{word}'"):
+    with pytest.raises(ValueError, match=rf"--total-timesteps.*must be a whole number.*, got '{word}'"):
         parse_train(["CartPole-v1", "--total-timesteps", word])
 
 
@@ -449,12 +449,12 @@ def test_an_environment_that_is_only_in_jax(tmp_path, capsys):
     )
     run = tmp_path / "run"
     assert status_of("train", "Signs-v0", *TRAIN[1:], "--run-dir", run, "--json") == 0
-    assert set(json.loads(capsys.readouterr().out)) == SUMMARY_KEYS - {
-        "return_mean", "return_std", "sampled_return_mean", "sampled_return_std", "episodes", "eval_seed",
-    }  # fmt: skip
+    assert set(json.loads(capsys.readouterr().out)) == SUMMARY_KEYS
     assert status_of("show", run) == 0
     assert "one: " in capsys.readouterr().out
-    assert "has no form in Gymnasium" in refused(capsys, "eval", run)
+    assert status_of("eval", run, "--episodes", 3) == 0
+    capsys.readouterr()
+    assert "does not draw itself as pictures" in refused(capsys, "watch", run)
     assert status_of("resume", run) == 0
 
 

@@ -44,6 +44,19 @@ def run_page(name: str) -> dict[str, Any]:
     return vars(module)
 
 
+def test_a_simulator_is_trained_as_the_guide_says():
+    names = run_page("your-simulator")
+    assert names["agent"].spec.features.names == ("level", "pump is off", "pump is on")
+    for simulator in (names["tank"], names["boiler"]):
+        env = simulator()
+        env.reset(seed=0)
+        for _ in range(100):
+            observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            assert env.observation_space.contains(observation)
+            assert not terminated
+        assert truncated == (simulator is names["boiler"])
+
+
 @pytest.mark.slow
 def test_an_environment_is_added_as_the_guide_says():
     try:

@@ -38,9 +38,7 @@ def one(request) -> sympol.PPO:
 @pytest.mark.slow
 def test_trained_extracted_pruned_json_sklearn_and_python_agree_python_on_100_000(one):
     full = one.tree(prune=False)
-    visited = None
-    if one.spec.make_host is not None:
-        visited = play(full, one.spec, 20, seed=0, deterministic=False).observations
+    visited = play(full, one.spec, 20, seed=0, deterministic=False).observations
     x = no_loss.observations(full, visited, np.random.default_rng(0), 1_000_000)
     assert x.shape == (1_000_000, full.n_features)
     assert ((x >= full.feature_low) & (x <= full.feature_high)).all()

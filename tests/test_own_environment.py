@@ -101,3 +101,53 @@ def test_a_function_of_python_is_no_environment_of_a_folder(tmp_path: Path):
     for env in ("os:system", "shutil:rmtree", "subprocess:Popen", "sympol.cli.app:main"):
         with pytest.raises(RunError, match="--trust"):
             trusted_id(env, tmp_path)
+
+
+def test_check_says_what_it_sees_and_what_would_be_trained(tmp_path: Path):
+    write_tank(tmp_path)
+    done = run_sympol(tmp_path, "check", "tank.py:Tank", "--seconds", "0.2", "--total-timesteps", "200k")
+    assert done.returncode == 0, done.stderr
+    lines = {line.split()[0]: line for line in done.stdout.splitlines()[:10]}
+    assert [*lines] == [
+        *(
+            "environment",
+            "observations",
+            "actions",
+            "time",
+            "speed",
+            "reward",
+            "episodes",
+            "recipe",
+            "validation",
+        )
+    ]
+    assert "3 features: level 0 to 10; one of pump = 0, pump = 1" in lines["observations"]
+    assert "one of off, on" in lines["actions"]
+    assert "200,000 steps" in lines["recipe"]
+    assert "of 20 to 20 steps, 0 ended by themselves and" in lines["episodes"]
+    assert "train tank.py:Tank --total-timesteps 200000" in done.stdout
+    assert [file.name for file in tmp_path.iterdir() if file.name != "__pycache__"] == ["tank.py"]
+
+
+def test_check_refuses_what_cannot_be_trained(tmp_path: Path):
+    file = write_tank(tmp_path)
+    file.write_text(file.read_text().replace("self.time >= 20", "False"))
+    done = run_sympol(tmp_path, "check", "tank.py:Tank", "--seconds", "0", "--json")
+    assert done.returncode == 1
+    assert "no episode ended within 10,000 steps" in json.loads(done.stdout)["wrong"][0]
+    file.write_text(file.read_text().replace("abs(self.level - 5)", "self.pipes"))
+    broken = run_sympol(tmp_path, "check", "tank.py:Tank", "--seconds", "0")
+    assert broken.returncode == 1
+    assert "AttributeError: 'Tank' object has no attribute 'pipes'" in broken.stderr
+    assert broken.stderr.startswith("error: ")
+
+
+def test_a_simulator_of_two_functions_is_trained_by_its_file(tmp_path: Path):
+    page = Path(__file__).parents[1] / "docs/guides/your-simulator.md"
+    (tmp_path / "plant.py").write_text(
+        page.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    )
+    done = run_sympol(tmp_path, "train", "plant.py:tank", *TINY, "--max-rules", "2")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "runs/tank-1/policy.json").exists()
+    assert run_sympol(tmp_path, "eval", "runs/tank-1", "--trust", "--episodes", "1").returncode == 0

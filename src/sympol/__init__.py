@@ -20,6 +20,7 @@ STARTED = time.perf_counter()
 if TYPE_CHECKING:
     from .agents import A2C, PPO, load
     from .algorithms.warm_start import Start
+    from .envs.functions import from_functions
     from .envs.registry import register, resolve
     from .evaluate import evaluate_policy, watch
     from .serving import RecordDecisions, SymbolicPolicy
@@ -30,6 +31,7 @@ _HOMES = {
     "A2C": "agents",
     "PPO": "agents",
     "Start": "algorithms.warm_start",
+    "from_functions": "envs.functions",
     "load": "agents",
     "register": "envs.registry",
     "resolve": "envs.registry",
@@ -50,6 +52,7 @@ __all__ = [
     "SymbolicPolicy",
     "distill_policy",
     "evaluate_policy",
+    "from_functions",
     "load",
     "register",
     "resolve",

@@ -27,7 +27,6 @@ from .play import (
     episode_seed,
     limit_of,
     play,
-    require_host,
 )
 from .trees import DecisionTree
 
@@ -146,7 +145,6 @@ def watch(
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     spec = env if isinstance(env, EnvSpec) else resolve(env, backend="host")
-    require_host(spec)
     # an agent may also act by something that is no tree
     shown = model.tree() if getattr(model, "has_tree", False) else model  # pyright: ignore[reportAttributeAccessIssue]
     return record(
@@ -174,7 +172,6 @@ def _answers(
 def _play_one_by_one(
     model: Policy, spec: EnvSpec, num_episodes: int, *, seed: int, deterministic: bool
 ) -> Episodes:
-    require_host(spec)
     limit, were_cut = limit_of(spec), False
     returns, lengths = np.zeros(num_episodes), np.zeros(num_episodes, int)
     ends: list[Any] = []

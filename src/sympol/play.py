@@ -97,11 +97,7 @@ def play(
 
     Returns:
         The results.
-
-    Raises:
-        ValueError: The environment has no form in Gymnasium.
     """
-    require_host(spec)
     act = acting(policy, spec, deterministic, np.random.default_rng([seed, PURPOSE_TAGS[purpose]]))
     seeds = [episode_seed(seed, episode, purpose) for episode in range(num_episodes)]
     with open_copies(spec, num_episodes) as copies:
@@ -257,22 +253,6 @@ def acting(policy: Any, spec: EnvSpec, deterministic: bool, rng: np.random.Gener
     if isinstance(policy, Acting):
         return lambda x: policy.act(x, deterministic=deterministic, rng=rng)
     return policy
-
-
-def require_host(spec: EnvSpec) -> None:
-    """Refuse an environment that has no form in Gymnasium.
-
-    Args:
-        spec: The environment.
-
-    Raises:
-        ValueError: It exists in JAX alone.
-    """
-    if spec.make_host is None:
-        raise ValueError(
-            f"{spec.name} is written in JAX and has no form in Gymnasium, in which episodes are played; give the form "
-            "that sympol.envs.on_host.OnHost makes of it, or register it with host="
-        )
 
 
 def sample_actions(tree: DecisionTree, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -21,6 +21,7 @@ _INTERRUPTED = {128 + signal.SIGINT, 128 + signal.SIGTERM}
 
 COMMANDS = {
     "train": ("CartPole-v1", "train a tree, print it and save it in a folder, the run"),
+    "check": ("tank.py:Tank", "say what sympol sees of an environment, and what is wrong with it"),
     "show": ("RUN", "print the tree of a run"),
     "eval": ("RUN", "play test episodes on Gymnasium"),
     "watch": ("RUN", "film an episode beside the tree, its path highlighted"),
@@ -52,10 +53,11 @@ sympol: reinforcement learning whose policy is a decision tree you can read
 
 {listed}
 
-Each has --help. `sympol --import MODULE COMMAND ...` first imports a module of yours, which may register
-environments, adapters and algorithms.
+Each has --help. `sympol --import MODULE COMMAND ...` first imports a module or a file of yours, which may
+register environments, adapters and algorithms.
 
-Environments: any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
+Environments: a class, a function or an id in a file or module of yours (tank.py:Tank, my_package:make_tank,
+my_package:Tank-v0), or any Gymnasium id. CartPole-v1, Acrobot-v1, Pendulum-v1, MountainCar-v0,
 MountainCarContinuous-v0 and most of MiniGrid (MiniGrid-DoorKey-5x5-v0, ...) train inside one compiled
 program, LunarLander-v3 in machine code.
 """

@@ -23,6 +23,7 @@ import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from ..bounded import parse_toml
+from ..counts import parse_count
 from ..envs.arguments import to_plain
 
 Arguments = TypeVar("Arguments")
@@ -32,6 +33,8 @@ EnvKwargs: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VA
 Flag: TypeAlias = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")]
 """A flag that is off unless given."""
 OptionalPath: TypeAlias = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
+MaxRules: TypeAlias = Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")]
+"""The limit of a tree's leaves, which `parse` writes as one of nodes."""
 OptionalText: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="STR", help_behavior_hint="")]
 Texts: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="STR ...", help_behavior_hint="")]
 
@@ -64,25 +67,16 @@ _NUMBERS = ConstructorRegistry()
 
 @_NUMBERS.primitive_rule
 def _whole_numbers(kind: PrimitiveTypeInfo) -> PrimitiveConstructorSpec | None:
-    """Read 1e6 as a whole number, too."""
+    """Read 1e6 and 200k as whole numbers, too."""
     if kind.type is not int:
         return None
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar="INT",
-        instance_from_str=lambda words: _whole(words[0]),
+        instance_from_str=lambda words: parse_count(words[0]),
         is_instance=lambda value: isinstance(value, int) and not isinstance(value, bool),
         str_from_instance=lambda value: [str(value)],
     )
-
-
-def _whole(word: str) -> int:
-    with contextlib.suppress(ValueError):
-        return int(word)
-    with contextlib.suppress(ValueError, OverflowError):
-        if (number := float(word)) == int(number):
-            return int(number)
-    raise ValueError(f"must be a whole number, got {word!r}")
 
 
 def parse(
@@ -104,6 +98,8 @@ def parse(
         SystemExit: The words ask for help, which is printed.
     """
     _write_checkable_types(kind)
+    if "--max-rules" in _flags(kind):
+        words = _rules_as_nodes(words)
     options: dict[str, Any] = {} if default is None else {"default": default}
     printed = io.StringIO()
     try:
@@ -125,6 +121,31 @@ def parse(
         hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
         raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
     return parsed
+
+
+def _rules_as_nodes(words: Sequence[str]) -> list[str]:
+    """Replace --max-rules by --max-nodes: a tree of r rules, its leaves, has 2r - 1 nodes."""
+    replaced, waiting = [], iter(words)
+    for word in waiting:
+        flag, equals, value = word.partition("=")
+        if flag.replace("_", "-") == "--max-rules":
+            value = value if equals else next(waiting, "")
+            try:
+                rules = parse_count(value)
+            except ValueError as error:
+                raise ValueError(f"--max-rules {error}") from None
+            if rules < 1:
+                raise ValueError(
+                    f"--max-rules must be at least 1, got {rules}: a tree of one leaf has one rule"
+                )
+            word = f"--max-nodes={2 * rules - 1}"
+        replaced.append(word)
+    limits = [word.partition("=")[0].replace("_", "-") for word in replaced]
+    if [*replaced] != [*words] and limits.count("--max-nodes") > 1:
+        raise ValueError(
+            "--max-rules and --max-nodes are the same limit, nodes = 2 rules - 1: give one of them"
+        )
+    return replaced
 
 
 def _write_checkable_types(kind: Any) -> None:

@@ -34,7 +34,7 @@ class Selection:
     """Run and print only a part of the table, or add to it."""
 
     environments: Texts = ()
-    """Gymnasium ids; those that the table does not have are added to it."""
+    """Gymnasium ids, file.py:Name or module:Name; those that the table does not have are added to it."""
 
     methods: Texts = ()
     """Any of tree, mlp, sdt, d-sdt, sa-dt-5, sa-dt-8, viper-5, viper-8, dagger-5, dagger-8, tree-paper, mlp-paper,

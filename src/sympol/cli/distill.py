@@ -18,7 +18,7 @@ from ..runs.metadata import RunError, file_name
 from ..runs.run import Run
 from ..trees import DecisionTree
 from ..trees.actions import BoxActions
-from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .arguments import EnvKwargs, MaxRules, Text, env_kwargs, parse
 from .console import err, out
 from .summary import format_summary, print_next
 
@@ -53,8 +53,12 @@ class Distill:
     max_nodes: int | None = None
     """Maximum number of nodes, leaves included, an odd number: the tree grows where that gains most."""
 
+    max_rules: MaxRules = None
+    """Maximum number of leaves, in place of --max-nodes: a tree of N rules has 2 N - 1 nodes."""
+
     env: str | None = None
-    """Gymnasium id of the teacher's environment; a run knows its own, if its folder can make it."""
+    """Gymnasium id of the teacher's environment, or file.py:Name or module:Name; a run knows its own,
+    if its folder can make it."""
 
     env_kwargs: EnvKwargs = ()
     """Arguments of --env, such as view_size=5."""

@@ -164,10 +164,8 @@ def _ask_to_stop(
         yield asked
 
 
-def _test(agent: Agent, eval_episodes: int) -> tuple[Episodes | None, Episodes | None]:
+def _test(agent: Agent, eval_episodes: int) -> tuple[Episodes, Episodes]:
     """Play test episodes with deterministic actions, and others with sampled ones."""
-    if agent.spec.make_host is None:
-        return None, None
     policy = agent.tree() if agent.has_tree else agent
     try:
         episodes = play(policy, agent.spec, eval_episodes, seed=EVAL_SEED)

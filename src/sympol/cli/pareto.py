@@ -17,7 +17,7 @@ from ..runs.lock import exclusive
 from ..runs.metadata import RunError, file_name
 from ..search.front.config import SHARES, SearchConfig
 from ..threads import cores, use_one_thread
-from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .arguments import EnvKwargs, MaxRules, Text, env_kwargs, parse
 from .console import err, out, print_steps, print_stopped, program
 
 if TYPE_CHECKING:
@@ -40,10 +40,13 @@ class Pareto:
     """
 
     env: Text
-    """Gymnasium id, such as CartPole-v1."""
+    """Gymnasium id, such as CartPole-v1, or file.py:Name or module:Name."""
 
     max_nodes: int = 63
     """Splits and leaves of the largest tree together: an odd number."""
+
+    max_rules: MaxRules = None
+    """Leaves of the largest tree, in place of --max-nodes: a tree of N rules has 2 N - 1 nodes."""
 
     budget: str = ""
     """How long to search: a time (90s, 5m, 1h), or environment steps ("50M steps"), which give the same trees again on

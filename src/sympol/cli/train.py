@@ -16,7 +16,7 @@ from ..algorithms.config import SIZE_LIMITS, Config
 from ..algorithms.presets import DEFAULT, preset
 from ..runs.metadata import CONFIG, RunError, file_name
 from ..runs.run import Run
-from .arguments import EnvKwargs, Text, env_kwargs, parse
+from .arguments import EnvKwargs, MaxRules, Text, env_kwargs, parse
 from .console import err
 from .tree_io import tree_from
 
@@ -28,10 +28,16 @@ if TYPE_CHECKING:
 
 @dataclass
 class Train:
-    """Train a decision tree by PPO (or A2C: --algorithm; or another policy: --policy) and save it in a run's folder."""
+    """Train a decision tree by PPO (or A2C: --algorithm; or another policy: --policy) and save it in a run's folder.
+
+    On a Gymnasium id: sympol train CartPole-v1
+
+    On a class or a function in a file: sympol train tank.py:Tank --env-kwargs size=3 --total-timesteps 200k
+    """
 
     env: Text
-    """Gymnasium id, such as CartPole-v1."""
+    """Gymnasium id, such as CartPole-v1, or what makes the environment in a file or module: file.py:Name or
+    module:Name."""
 
     seed: int = 0
     """Seed of everything random; the same seed on the same machine gives the same tree."""
@@ -55,6 +61,10 @@ class Train:
     """jax: inside the compiled program; native: machine code; host: through Gymnasium; auto: the first of these that
     the environment has."""
 
+    env_workers: int = 0
+    """Number of processes that step the copies of a Gymnasium environment, for one whose steps take a millisecond or
+    more; 0 steps them in this process. The tree is the same to the bit."""
+
     start: Path | None = None
     """The tree to start from: a run's folder, a policy.json, or a listing in a .txt. By default --depth is that of the
     preset, or that of the tree if it is deeper."""
@@ -71,6 +81,9 @@ class Train:
 
     critic_warmup: float = 0.05
     """Fraction of the training, after --start, in which only the critic learns."""
+
+    max_rules: MaxRules = None
+    """Most rules, that is leaves, of the tree: --max-nodes 2 N - 1 in other words."""
 
     eval_episodes: int = 20
     """Number of test episodes on Gymnasium at the end."""
@@ -100,9 +113,10 @@ def run(words: Sequence[str]) -> int:
     from .resume import continue_run
 
     spec = resolve(given.env, env_kwargs=env_kwargs(given.env_kwargs), backend=given.backend)
+    spec = spec.stepped_by(given.env_workers)
     agent = agent_of(spec, given.config, given.seed, _start(given, spec))
     if given.resume:
-        return continue_run(_same_run(given, agent), given.eval_episodes, given.json)
+        return continue_run(_same_run(given, agent), given.eval_episodes, given.json, given.env_workers)
     if given.tensorboard:
         TensorBoard.require()
     require_memory(spec, agent.config)

@@ -78,7 +78,7 @@ class Tune:
     """
 
     env: Annotated[Text, tyro.conf.arg(metavar="ENV")]
-    """Gymnasium id, such as CartPole-v1."""
+    """Gymnasium id, such as CartPole-v1, or file.py:Name or module:Name."""
 
     policy: Literal["tree", "mlp", "sdt"] = "tree"
     """The actor: a decision tree, or a baseline: a multilayer perceptron or a soft decision tree."""

@@ -19,13 +19,12 @@ def open_copies(spec: EnvSpec, wanted: int) -> Iterator[list[gymnasium.Env]]:
     can be opened, the error is raised. An object that is the only copy stays open.
 
     Args:
-        spec: The environment, with a form in Gymnasium.
+        spec: The environment.
         wanted: The most copies to open; there are never more than `EnvSpec.most_copies`.
 
     Yields:
         The copies, at least one.
     """
-    assert spec.make_host is not None
     if spec.has_one_copy:
         yield [spec.make_host()]
         return

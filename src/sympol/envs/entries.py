@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Iterable, Sequence
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import gymnasium
 
@@ -66,6 +66,17 @@ class Adapter(abc.ABC):
             The ids.
         """
         return ()
+
+    def adopt(self, env: Any) -> Env | None:
+        """Take an object of the user's that has another protocol than `Env` and Gymnasium's.
+
+        Args:
+            env: The object.
+
+        Returns:
+            The same in the protocol of `Env`, or None where it is not of this kind, which is told without imports.
+        """
+        return None
 
 
 REGISTERED: dict[str, Entry] = {}

@@ -18,6 +18,7 @@ from jaxtyping import Float, PRNGKeyArray
 
 from ..types import Action, Step
 from .env import Env
+from .foreign import ForeignEnv
 from .spaces import action_spec, describe
 
 
@@ -114,7 +115,8 @@ def kept_to_protocol(env: Env) -> Env:
     Raises:
         ValueError: No cast makes it fit; the message, of one line, names what does not.
     """
-    if type(env).__module__.startswith(f"{__name__.partition('.')[0]}."):
+    of_ours = type(env).__module__.startswith(f"{__name__.partition('.')[0]}.")
+    if of_ours and not isinstance(env, ForeignEnv):
         return env  # our own keep it: tests/envs/test_protocol.py
     answers = _answers_of(env)
     limit = getattr(env, "max_episode_steps", 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any, get_args
 
@@ -16,11 +16,14 @@ from .diagnostics import warn_of_environment
 from .entries import REGISTERED, Entry, Factory
 from .env import Env
 from .jax_protocol import kept_to_protocol
+from .libraries import is_library_id
 from .named import import_named, named_env
 from .names import NAMES, known_names
+from .on_host import OnHost
 from .origin import Origin, Wrapping
 from .recorded import Recorded
-from .sources import Source, is_factory, make_wrapped, open_source
+from .remake import make_wrapped
+from .sources import Source, is_factory, open_source
 from .spaces import Features, action_spec
 from .spec import Backend, EnvSpec, HostFactory, not_listed
 from .user_code import absolute, is_file, short, split
@@ -100,7 +103,8 @@ def resolve(
     source = _open(env, entry, kwargs, tuple(wrappers), recorded)
     name, jax_env = short(env) if isinstance(env, str) else source.name, source.jax_env
     make_host = _host_of(source, entry, env if isinstance(env, str) else name, kwargs)
-    _require_form(name, jax_env, make_host, backend)
+    if backend == "jax" and jax_env is None:
+        raise ValueError(f"{name} is not written in JAX; use backend='host' or 'auto'")
     in_jax = jax_env is not None and backend in ("auto", "jax")
     native, speed_hint = None, ""
     if not in_jax:
@@ -122,9 +126,11 @@ def resolve(
             observation_space,
             own("feature_names", feature_names),
             own("groups", groups),
-            known.get("integers", ()) if recorded is None else recorded.integers,
+            _integers(source.example, known) if recorded is None else recorded.integers,
         ),
-        actions=action_spec(action_space, own("action_names", action_names)),
+        actions=action_spec(
+            action_space, own("action_names", action_names), _carried(source.example, "action_options")
+        ),
         max_episode_steps=source.max_episode_steps,
         has_one_copy=source.has_one_copy,
         native=native,
@@ -146,7 +152,6 @@ def _open(
         source = Source(recorded, _later(env, kwargs, wrappers, recorded))
     elif wrappers:
         inner = resolve(env, env_kwargs=kwargs, backend="host").make_host
-        assert inner is not None
         source = open_source(partial(make_wrapped, inner, wrappers), {}, _remake)
     elif not isinstance(env, str):
         source = open_source(env, kwargs, _remake)
@@ -176,7 +181,6 @@ def _later(
 ) -> HostFactory:
     """Return a function that makes an environment, which is compared with what was recorded when the first is made."""
 
-    @cache
     def make_host() -> HostFactory:
         found = resolve(env_id, env_kwargs=kwargs, wrappers=wrappers, backend="host")
         for space in ("observation_space", "action_space"):
@@ -186,10 +190,27 @@ def _later(
                     f"{env_id} has changed since this run was saved: its {space} was {was} and is {now}; to use it "
                     f"as it is now, name it: env={env_id!r}, or --env {env_id}"
                 )
-        assert found.make_host is not None
         return found.make_host
 
-    return lambda **options: make_host()(**options)
+    return _Later(make_host)
+
+
+class _Later:
+    """A function that makes an environment, found when it is first called or sent to another process."""
+
+    def __init__(self, find: Callable[[], HostFactory]) -> None:
+        self._find = cache(find)
+
+    def __call__(self, **options: Any) -> gymnasium.Env:
+        return self._find()(**options)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return identity, (self._find(),)
+
+
+def identity(make: HostFactory) -> HostFactory:
+    """Return the function; this is what a worker process makes of a `_Later`."""
+    return make
 
 
 def _entry(env_id: str) -> Entry:
@@ -225,6 +246,12 @@ def _carried(example: gymnasium.Env | Env | Recorded, what: str) -> Any:
     return found
 
 
+def _integers(example: Any, known: Mapping[str, Any]) -> Sequence[int]:
+    """Return the positions of features that are whole numbers, as the environment or our table of names says."""
+    carried = _carried(example, "integers")
+    return known.get("integers", ()) if carried is None else carried
+
+
 def _is_replaced(env_id: str) -> bool:
     """Return whether an id of Gymnasium's or ours now means another environment: registered anew, or altered."""
     ours = built_in(env_id)
@@ -242,25 +269,18 @@ def _is_replaced(env_id: str) -> bool:
     )
 
 
-def _host_of(source: Source, entry: Entry, name: str, kwargs: dict[str, Any]) -> HostFactory | None:
-    """Return what makes the form in Gymnasium, on which policies are evaluated."""
+def _host_of(source: Source, entry: Entry, name: str, kwargs: dict[str, Any]) -> HostFactory:
+    """Return what makes the form in Gymnasium, on which policies are evaluated.
+
+    What exists in JAX alone is its own form in Gymnasium.
+    """
     if source.jax_env is None:
+        assert source.make_host is not None
         return source.make_host
     if entry.host is not None:
         return partial(entry.host, **kwargs)
-    is_known = name.rpartition(":")[2] in gymnasium.registry
-    return partial(make, name, **kwargs) if is_known else None
-
-
-def _require_form(name: str, jax_env: Env | None, make_host: HostFactory | None, backend: Backend) -> None:
-    """Raise ValueError where an environment lacks the form of a backend."""
-    if backend == "jax" and jax_env is None:
-        raise ValueError(f"{name} is not written in JAX; use backend='host' or 'auto'")
-    if backend == "host" and make_host is None:
-        raise ValueError(
-            f"{name} is written in JAX and has no form in Gymnasium; give the form that "
-            "sympol.envs.on_host.OnHost makes of it, or train with backend='jax'"
-        )
+    is_known = not is_library_id(name) and name.rpartition(":")[2] in gymnasium.registry
+    return partial(make, name, **kwargs) if is_known else partial(OnHost, source.jax_env)
 
 
 def _native(
@@ -286,6 +306,4 @@ def _native(
 
 def _remake(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env:
     """Make an environment by its id and arguments, as loading a run does."""
-    make_host = resolve(env_id, env_kwargs=kwargs, backend="host").make_host
-    assert make_host is not None
-    return make_host()
+    return resolve(env_id, env_kwargs=kwargs, backend="host").make_host()

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Any, NamedTuple, TypeAlias
 
 import gymnasium
 
+from .adapters import adopt
 from .env import Env
 from .equality import step_limit
+from .foreign import ForeignEnv
 from .jax_protocol import time_limit
-from .origin import Origin, Wrapping
+from .origin import Origin
 from .recorded import Recorded
-from .remake import copier, describe, wrap
+from .remake import copier, describe
 from .spaces import require_spaces
 from .spec import HostFactory, no_copies
 
@@ -34,6 +36,8 @@ class Source(NamedTuple):
     def name(self) -> str:
         """The id of a Gymnasium environment, or the name of the class."""
         env = self.example
+        if isinstance(env, ForeignEnv):
+            return env.name
         if not isinstance(env, gymnasium.Env):
             return type(env).__name__
         return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
@@ -79,6 +83,8 @@ def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
         if not kwargs:
             raise
         raise ValueError(f"env_kwargs {kwargs} do not fit this environment: {error}") from error
+    if not _has_protocol(example) and (adopted := adopt(example)) is not None:
+        example = adopted
     if isinstance(example, gymnasium.Env) or (hasattr(example, "reset") and hasattr(example, "step")):
         require_spaces(example)
     if isinstance(example, gymnasium.Env):
@@ -87,12 +93,21 @@ def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
         space = example.observation_space
         if not isinstance(space, gymnasium.spaces.Box) or len(space.shape) != 1:
             raise ValueError(f"an environment in JAX must observe a Box of shape (features,), got {space}")
-        not_kept = f"an environment in JAX of class {_class(example)}"
+        if isinstance(example, ForeignEnv) and example.recipe is not None:
+            return Source(example, None, find_origin=partial(Origin.of_arguments, example.recipe))
+        not_kept = f"an environment in JAX of class {_class(env if not makes else example)}"
         return Source(example, None, find_origin=partial(Origin, kwargs, not_kept=not_kept))
     raise TypeError(
         "env must be an id, a gymnasium.Env, an environment in JAX (see sympol.envs.env), or a function that "
         f"makes one, got {env!r}" + (f", which made {example!r}" if makes else "")
     )
+
+
+def _has_protocol(env: Any) -> bool:
+    """Return whether an object is Gymnasium's, or has the spaces of `Env`; other libraries have others."""
+    if isinstance(env, gymnasium.Env):
+        return True
+    return isinstance(env, Env) and isinstance(env.observation_space, gymnasium.Space)
 
 
 def is_factory(env: object) -> bool:
@@ -105,20 +120,6 @@ def is_factory(env: object) -> bool:
         True for a function or a class.
     """
     return callable(env) and (isinstance(env, type) or not isinstance(env, gymnasium.Env | Env))
-
-
-def make_wrapped(make: HostFactory, wrappers: Sequence[Wrapping], **options: Any) -> gymnasium.Env:
-    """Make an environment and put wrappers around it.
-
-    Args:
-        make: A function that makes the environment.
-        wrappers: The wrappers, from the innermost.
-        options: Arguments of the function.
-
-    Returns:
-        The outermost wrapper.
-    """
-    return wrap(make(**options), wrappers)
 
 
 def _object(env: gymnasium.Env, remake: Remake) -> Source:

@@ -230,12 +230,15 @@ def require_spaces(env: Any) -> None:
             )
 
 
-def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
+def action_spec(
+    space: Space, names: Sequence[str] | None = None, options: Sequence[Sequence[str]] | None = None
+) -> ActionSpec:
     """Describe the actions of a space.
 
     Args:
         space: The action space.
         names: Names of the actions (``Discrete``) or of their components.
+        options: Names of the options of each component (``MultiDiscrete``).
 
     Returns:
         The description.
@@ -247,7 +250,8 @@ def action_spec(space: Space, names: Sequence[str] | None = None) -> ActionSpec:
         case Discrete():
             spec = DiscreteActions(int(space.n), start=int(space.start))
         case MultiDiscrete() if space.nvec.ndim == 1:
-            spec = MultiDiscreteActions(tuple(space.nvec.tolist()), start=tuple(space.start.tolist()))
+            named = tuple(tuple(part) for part in options or ())
+            spec = MultiDiscreteActions(tuple(space.nvec.tolist()), (), named, tuple(space.start.tolist()))
         case Box() if np.issubdtype(space.dtype, np.floating) and np.prod(space.shape) > 0:
             low, high = (tuple(flushed(bound).ravel().tolist()) for bound in (space.low, space.high))
             spec = BoxActions(low, high, space.shape)

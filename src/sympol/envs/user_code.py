@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from .errors import MissingExtra
+from .libraries import is_library_id
 
 FILE_ENDING = ".py"
 _LONGEST = 1_000_000
@@ -48,8 +49,11 @@ def split(name: str) -> tuple[str, str]:
         name: A name such as ``"plants/tank.py:Tank"``, ``"tank:Tank-v0"`` or ``"CartPole-v1"``.
 
     Returns:
-        The module or the absolute path of its file, empty where there is no colon, and the name in it.
+        The module or the absolute path of its file, and the name in it. The module is empty where there is no colon,
+        and for the ids of libraries, which are no names in the user's code.
     """
+    if is_library_id(name):
+        return "", name
     module, _, inner = name.rpartition(":")
     return (os.path.abspath(os.path.expanduser(module)) if is_file(module) else module), inner
 

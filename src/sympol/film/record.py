@@ -60,7 +60,7 @@ def record(
 
     Args:
         act: From an observation of the environment to an action that it takes.
-        spec: The environment; ``make_host`` must be there.
+        spec: The environment.
         seeds: The seed of each episode.
         path: The file, .gif, .webp or .mp4.
         tree: A tree to show beside the environment, the path of each observation highlighted.

@@ -13,7 +13,7 @@ from ..agents import Agent
 from ..envs.copies import open_copies
 from ..envs.spec import EnvSpec
 from ..film.rendering import CannotRender, frame_of, rendering, steps
-from ..play import PURPOSE_TAGS, acting, require_host
+from ..play import PURPOSE_TAGS, acting
 from ..trees import DecisionTree
 from ..trees.report import packed
 from .frames import Frames, within_budget
@@ -40,7 +40,6 @@ def filmed(
     Episodes are cut where all observations together would be more than `MOST_NUMBERS`. Frames are kept where the
     page cannot draw the environment and it draws itself; all of them together are small enough for a page.
     """
-    require_host(spec)
     most_steps = max(1, MOST_NUMBERS // (len(spec.features.names) * len(policies) * len(seeds)))
     films: list[Frames] = []
     with _shown(spec) as (env, draws):

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any, Self
 from .. import files
 from ..algorithms.config import Config
 from ..bounded import parse_json
+from ..envs.libraries import is_library_id
 from ..envs.origin import Origin
 from ..trees import DecisionTree
 from ..version import __version__
@@ -216,7 +217,8 @@ class Run:
     @property
     def as_argument(self) -> str:
         """Return the folder as an argument of commands, with --trust if its environment needs code of the user's."""
-        return shlex.quote(str(self.path)) + (" --trust" if ":" in self.metadata["env"] else "")
+        env = self.metadata["env"]
+        return shlex.quote(str(self.path)) + (" --trust" if ":" in env and not is_library_id(env) else "")
 
     @property
     def has_tree(self) -> bool:
@@ -492,7 +494,7 @@ class Run:
 
 def _id(env: str) -> str:
     """Return an environment's id without the module that registers it."""
-    return env.rpartition(":")[2]
+    return env if is_library_id(env) else env.rpartition(":")[2]
 
 
 def _reason(error: OSError, path: Path) -> str:

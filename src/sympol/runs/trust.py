@@ -6,6 +6,7 @@ import os
 import sys
 from pathlib import Path
 
+from ..envs.libraries import is_library_id
 from ..envs.user_code import is_file, loaded_from, location
 from .metadata import RunError
 
@@ -29,6 +30,8 @@ def trusted_id(env: str, path: Path, *, trust: bool = False, file: str = "") -> 
         RunError: Code would have to be imported and ``trust`` is not given, it lies in the same folder, or its file
             is not there.
     """
+    if is_library_id(env):
+        return env
     module, _, env_id = env.rpartition(":")
     in_file = is_file(module)
     if in_file and os.path.isabs(file) and os.path.basename(file) == os.path.basename(module):

@@ -6,8 +6,11 @@ import contextlib
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
+from typing import Any
 
 from ..entries import Adapter, Entry
+from ..env import Env
+from ..libraries import ADAPTER_OF
 
 ADAPTERS: dict[str, str | type[Adapter]] = {
     "CartPole-": "sympol.envs.adapters.classic:Classic",
@@ -18,6 +21,9 @@ ADAPTERS: dict[str, str | type[Adapter]] = {
     "MiniGrid-": "sympol.envs.adapters.minigrid:MiniGrid",
     "BabyAI-": "sympol.envs.adapters.minigrid:MiniGrid",
     "sympol/DistShift-": "sympol.envs.adapters.minigrid:MiniGrid",
+    "phys2d/": "sympol.envs.adapters.functional:Functional",
+    "tabular/": "sympol.envs.adapters.functional:Functional",
+    **{f"{library}:": adapter for library, adapter in ADAPTER_OF.items()},
     "": "sympol.envs.adapters.gymnasium:Gymnasium",
 }
 """How ids begin, and the subclass of `Adapter` for them, or the module and name to import it from.
@@ -64,6 +70,19 @@ def all_ids() -> Iterator[str]:
     """
     for adapter in dict.fromkeys(ADAPTERS.values()):
         yield from load(adapter).ids()
+
+
+def adopt(env: Any) -> Env | None:
+    """Return an object of another library in the protocol of `Env`.
+
+    Args:
+        env: The object.
+
+    Returns:
+        The environment, or None where no adapter knows its class.
+    """
+    adapters = (load(adapter) for adapter in dict.fromkeys(ADAPTERS.values()))
+    return next((adopted for adapter in adapters if (adopted := adapter.adopt(env)) is not None), None)
 
 
 def import_for(env_id: str) -> None:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...algorithms.presets import ANY, search_defaults
+from ...counts import NUMBER, parse_count
 
 SHARES: dict[str, float] = search_defaults(ANY)["shares"]
 """The budget's division among methods; those of a search share all of it except what selection takes."""
@@ -21,7 +22,6 @@ MIN_SECONDS = 10.0
 MIN_STEPS = 50_000
 """The smallest budget in environment steps of each training and of each evolution."""
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
-_STEPS = {"k": 1e3, "M": 1e6, "G": 1e9, "": 1.0}
 
 
 @dataclass(frozen=True)
@@ -145,10 +145,14 @@ def steps_of(budget: str) -> float:
 
 def _read(budget: str) -> tuple[float, float]:
     """Return seconds and steps; one of them is infinite."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:(s|m|h)|([kMG]?)\s*steps)", budget.strip())
-    if match is None or float(match[1]) == 0:
+    match = re.fullmatch(rf"({NUMBER})\s*(?:(s|m|h)|([kKMG]?)\s*steps)", budget.strip(), re.ASCII)
+    if match is None or match[1].startswith("-") or not float(match[1].replace(",", "")):
         raise ValueError(
             f"budget must be a time, such as 90s, 5m or 1h, or environment steps, such as '50M steps', got {budget!r}"
         )
-    number = float(match[1])
-    return (number * _UNITS[match[2]], math.inf) if match[2] else (math.inf, number * _STEPS[match[3]])
+    if match[2]:
+        return float(match[1].replace(",", "")) * _UNITS[match[2]], math.inf
+    try:
+        return math.inf, float(parse_count(match[1] + match[3]))
+    except ValueError as error:
+        raise ValueError(f"the steps of a budget {error}") from None

@@ -81,10 +81,8 @@ def test_points(front: Front, spec: EnvSpec, episodes: int) -> Front:
         episodes: The number of test episodes of each tree.
 
     Returns:
-        The tested front; the same one where Gymnasium does not have the environment.
+        The tested front.
     """
-    if spec.make_host is None:
-        return front
     points = []
     for point in front.points:
         played = play(point.tree, spec, episodes, seed=TEST_SEED)
