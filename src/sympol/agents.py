@@ -74,6 +74,8 @@ class Agent(abc.ABC):
         groups: Features that are one-hot together, in place of the environment's own.
         backend: ``"auto"`` trains on the environment's pure-JAX form where there is one, else on its machine code
             where Numba is installed, else on Gymnasium; ``"jax"``, ``"native"`` and ``"host"`` choose one.
+        env_workers: The number of processes that step the copies of a Gymnasium environment, for one whose steps take
+            a millisecond or more; 0 steps them here. The result is the same to the bit.
         start: A tree to start from, instead of a random one; or a `Start`, which holds more. The depth is by default
             that of the preset or, if greater, that of the tree.
         freeze: Nodes of the tree to start from that stay as they are; or a condition, such as ``"pole angle > 0.1"``:
@@ -102,6 +104,7 @@ class Agent(abc.ABC):
         action_names: Sequence[str] | None = None,
         groups: Sequence[Group] | None = None,
         backend: Backend = "auto",
+        env_workers: int = 0,
         start: DecisionTree | Start | None = None,
         freeze: Iterable[int] | str = (),
         **config: Any,
@@ -119,6 +122,7 @@ class Agent(abc.ABC):
                 backend=backend,
             )
         )
+        spec = spec.stepped_by(env_workers) if env_workers else spec
         begins_with = start_of(start, freeze, spec)
         values = {"algorithm": self.algorithm, "policy": policy, **config}
         if "num_envs" not in config:
@@ -429,7 +433,7 @@ def agent_of(
     return agent
 
 
-def load(path: str | PathLike[str], env: Any = None) -> Agent:
+def load(path: str | PathLike[str], env: Any = None, *, env_workers: int = 0) -> Agent:
     """Return the agent that a run's folder holds, ready to predict and, if it was interrupted, to resume learning.
 
     Nothing in the folder is ever run as code, and no module that it names is imported. A run that was stopped before
@@ -440,6 +444,7 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
         env: What it was trained on, as in `Agent`. It is needed where the folder cannot make the environment again:
             the environment has no id, needs a module to be imported, was changed after it was made, or is wrapped in
             something that a folder cannot keep.
+        env_workers: The number of processes that step the environment should the training be resumed, as in `Agent`.
 
     Returns:
         The agent.
@@ -448,7 +453,9 @@ def load(path: str | PathLike[str], env: Any = None) -> Agent:
         RunError: There is no run there, another version made it, all its checkpoints are damaged, or ``env`` is
             needed.
     """
-    return load_run(Run.open(Path(path), env))
+    agent = load_run(Run.open(Path(path), env))
+    agent.spec = agent.spec.stepped_by(env_workers) if env_workers else agent.spec
+    return agent
 
 
 def load_run(run: Run) -> Agent:

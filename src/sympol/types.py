@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from jax import Array
-from jaxtyping import Bool, Float, Int
+if TYPE_CHECKING:  # a process that steps environments on the host imports no JAX
+    from jax import Array
+    from jaxtyping import Bool, Float, Int
 
-Action: TypeAlias = Int[Array, "..."] | Float[Array, "..."]
+Action: TypeAlias = "Int[Array, '...'] | Float[Array, '...']"
 
 
 class Step(NamedTuple):

@@ -68,7 +68,7 @@ def test_validation_is_the_return_of_the_deterministic_tree():
     state: Any = trainer.advance(None, 64)
     source = source_of(spec, CONFIG)
     returns, _ = source.evaluate(state, 0)
-    policy, envs = state.networks.actor.rollout(), source._open()
+    policy, envs = state.networks.actor.rollout(), spec.host_envs(CONFIG.num_envs)
     observation = envs.reset(host_seed(0, "validation"))
     total, alive = np.zeros(CONFIG.num_envs), np.ones(CONFIG.num_envs, bool)
     while alive.any():

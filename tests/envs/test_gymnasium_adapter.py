@@ -13,7 +13,7 @@ from gymnasium.wrappers import TimeLimit
 
 from sympol.envs.classic.cartpole import CartPole, CartPoleState
 from sympol.envs.errors import EnvironmentFailure
-from sympol.envs.host import HostEnvs
+from sympol.envs.host_envs import HostEnvs
 from sympol.envs.registry import resolve
 from sympol.envs.spaces import Features
 
@@ -51,7 +51,7 @@ class Diary(gymnasium.Env):
 @pytest.fixture
 def diaries(monkeypatch: pytest.MonkeyPatch) -> HostEnvs:
     monkeypatch.setattr(Diary, "copies", 0)
-    return HostEnvs(Diary, 3, Features.of(Box(0, np.inf, (2,))))
+    return HostEnvs(Diary, 3, Features.of(Box(0, np.inf, (2,))), Discrete(3, start=1))
 
 
 def test_the_last_observation_is_the_true_one_and_no_reset_leaks(diaries: HostEnvs) -> None:
@@ -90,7 +90,7 @@ def test_arrays_are_of_the_types_of_a_step(diaries: HostEnvs) -> None:
 
 
 def copies_of(envs: HostEnvs) -> list[Any]:
-    return [env.unwrapped for env in envs._envs.envs]
+    return [env.unwrapped for env in envs._group.envs]
 
 
 def test_actions_arrive_where_the_space_starts(diaries: HostEnvs) -> None:
@@ -170,6 +170,7 @@ def test_failures_name_the_environment_and_what_was_seen(observation: Any, rewar
         lambda: Echo(Discrete(2), observation, reward) if next(sick) else Echo(Discrete(2)),
         3,
         Features.of(Dict({"a": Box(-1, 1, ()), "b": Discrete(2)})),
+        Discrete(2),
     )
     envs.reset(seed=0)
     with pytest.raises(EnvironmentFailure) as error:
@@ -221,7 +222,9 @@ INFOS: dict[str, Any] = {
 @pytest.mark.parametrize("info", INFOS.values(), ids=INFOS)
 def test_nothing_in_an_info_matters(info: Any) -> None:
     copies = iter(range(3))
-    envs = HostEnvs(lambda: Slip(next(copies), info=info), 3, Features.of(Slip.observation_space))
+    envs = HostEnvs(
+        lambda: Slip(next(copies), info=info), 3, Features.of(Slip.observation_space), Slip.action_space
+    )
     envs.reset(seed=0)
     for time in (1, 2, 3, 1, 2, 3):
         step, observation = envs.step(np.zeros(3, np.int32))
@@ -237,7 +240,9 @@ def test_nothing_in_an_info_matters(info: Any) -> None:
 )
 @pytest.mark.parametrize("flag", [bool, int, np.bool_, lambda done: np.array([done])])
 def test_one_number_is_a_reward_and_a_flag_whatever_holds_it(reward: Any, flag: Any) -> None:
-    envs = HostEnvs(lambda: Slip(reward=reward, flag=flag), 2, Features.of(Slip.observation_space))
+    envs = HostEnvs(
+        lambda: Slip(reward=reward, flag=flag), 2, Features.of(Slip.observation_space), Slip.action_space
+    )
     envs.reset(seed=0)
     for time in (1, 2, 3):
         step, _ = envs.step(np.zeros(2, np.int32))
@@ -266,7 +271,7 @@ OLD_GYM: dict[str, Any] = {
 
 @pytest.mark.parametrize(("answers", "says"), OLD_GYM.values(), ids=OLD_GYM)
 def test_the_older_interface_is_named(answers: Any, says: str) -> None:
-    envs = HostEnvs(lambda: Slip(**answers), 2, Features.of(Slip.observation_space))
+    envs = HostEnvs(lambda: Slip(**answers), 2, Features.of(Slip.observation_space), Slip.action_space)
 
     def play() -> None:
         envs.reset(seed=0)
@@ -280,7 +285,9 @@ def test_the_older_interface_is_named(answers: Any, says: str) -> None:
 
 def test_the_older_interface_inside_a_wrapper_is_named() -> None:
     answers = {"goes_on": lambda o, r, t, u, i: (o, r, t, i)}
-    envs = HostEnvs(lambda: TimeLimit(Slip(**answers), 5), 2, Features.of(Slip.observation_space))
+    envs = HostEnvs(
+        lambda: TimeLimit(Slip(**answers), 5), 2, Features.of(Slip.observation_space), Slip.action_space
+    )
     envs.reset(seed=0)
     with pytest.raises(EnvironmentFailure, match="older Gym interface"):
         envs.step(np.zeros(2, np.int32))

@@ -12,7 +12,7 @@ import pytest
 from sympol.envs.adapters import ADAPTERS
 from sympol.envs.entries import REGISTERED
 from sympol.envs.errors import MissingExtra
-from sympol.envs.host import HostEnvs
+from sympol.envs.host_envs import HostEnvs
 from sympol.envs.lunar_lander import engine
 from sympol.envs.lunar_lander.engine import IDS as TASKS
 from sympol.envs.lunar_lander.engine import NativeEnvs

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from sympol.algorithms.initialization import PURPOSES, host_seed, purpose_key
-from sympol.envs.host import HostEnvs
+from sympol.envs.host_envs import HostEnvs
 from sympol.envs.spaces import Features
 from sympol.play import episode_seed
 from sympol.results.seeds import SEARCH, TRAINING, require_search_seed, require_training_seed
@@ -42,7 +42,7 @@ def test_test_episodes_are_odd_and_all_others_even():
 def test_what_trains_and_validates_on_the_host_is_even_whatever_the_seed():
     envs = [Chain(Box(-1, 1, (2,)), Discrete(2)) for _ in range(8)]
     left = iter(envs)
-    host = HostEnvs(lambda: next(left), 8, Features.of(Box(-1, 1, (2,))))
+    host = HostEnvs(lambda: next(left), 8, Features.of(Box(-1, 1, (2,))), Discrete(2))
     given: dict[str, set[int]] = {}
     for seed in SEEDS:
         for purpose in ("train", "validation"):

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float32, Int, PRNGKeyArray
+from jaxtyping import Bool, Float32, Int, PRNGKeyArray
 
 from ..envs.errors import EnvironmentFailure
 from ..envs.spec import EnvSpec
@@ -19,15 +20,24 @@ from .algorithm import Algorithm, Experience
 from .compiled import Compiled
 from .config import Config
 from .initialization import host_seed
+from .replay import (
+    ActionHistory,
+    FrozenHistory,
+    RunningEpisodes,
+    first_episodes,
+    longest_replay,
+    replay,
+)
 from .rollouts import Rollouts, validation_limit
-from .state import Episodes, Normalizer, TrainState
+from .state import Normalizer, TrainState
 
 
 class HostRollouts(Rollouts):
     """Copies of an environment that are stepped through Gymnasium's API or in native code.
 
-    Every segment starts new episodes, seeded by the training's seed and the timestep: what happens after a validation
-    depends on nothing that a checkpoint could not hold. The environments are opened when they are first needed.
+    Training episodes live on while other copies are validated on, and after a resume `sympol.algorithms.replay` leads
+    back into them. Where there is only one copy, validation interrupts its episode and training begins a new one. The
+    environments are opened when they are first needed.
 
     Args:
         spec: The environment.
@@ -40,8 +50,22 @@ class HostRollouts(Rollouts):
         super().__init__(config, algorithm, spec.features, limit)
         self._spec = spec
         self._envs: Any = None
-        self._observation = np.zeros((config.num_envs, algorithm.num_features), np.float32)
+        self._validation_envs: Any = None
+        self._seed = 0
         distribution = algorithm.distribution
+        outputs = np.zeros((config.num_envs, distribution.num_outputs), np.float32)
+        action = jax.eval_shape(lambda x: distribution.to_env(distribution.mode(x)), outputs)
+        actions = np.zeros(action.shape, action.dtype)
+        self._no_episodes = RunningEpisodes.none(actions, algorithm.num_features)
+        self._longest = longest_replay(spec.max_episode_steps, actions)
+        self._history: ActionHistory | None = None
+        """The running episodes' actions; None until they have begun, or been replayed."""
+        self._running = self._no_episodes
+        """The running episodes at the end of the last segment."""
+        self._is_live = False
+        """Whether the copies are in the episodes of ``_running``."""
+        self._latest: tuple[TrainState, FrozenHistory] | None = None
+        self._observation = np.zeros((config.num_envs, algorithm.num_features), np.float32)
 
         # what a step needs of the policy, and a chunk of its noise, is computed before: a step is all dispatch
         @jax.jit
@@ -80,11 +104,17 @@ class HostRollouts(Rollouts):
             return state._replace(episodes=episodes), Experience(rollout, normalize(observation), stage)
 
         @jax.jit
-        def without_episodes(state: TrainState) -> TrainState:
-            return state._replace(episodes=Episodes.zeros(config.num_envs))
+        def without_running(state: TrainState, restarted: Array) -> TrainState:
+            episodes = state.episodes
+            return state._replace(
+                episodes=episodes._replace(
+                    running_return=jnp.where(restarted, 0, episodes.running_return),
+                    running_length=jnp.where(restarted, 0, episodes.running_length),
+                )
+            )
 
         self._for_acting, self._draw, self._act, self._decide = for_acting, draw, act, decide
-        self._scaled, self._without_episodes = scaled, without_episodes
+        self._scaled, self._without_running = scaled, without_running
 
     def compiled(self, function: Callable[..., Any], *, ahead: bool = False) -> Callable[..., Any]:
         """See `Rollouts.compiled`."""
@@ -101,19 +131,68 @@ class HostRollouts(Rollouts):
             carry = body(carry)
             goes_on = bool(condition(carry))
             if goes_on:
-                self.latest = carry[0]
+                self._latest = carry[0], self._frozen()
         return carry
 
+    @property
+    def latest(self) -> TrainState | None:
+        """See `Rollouts.latest`."""
+        if self._latest is None:
+            return None
+        state, frozen = self._latest
+        return state._replace(env_state=frozen.running(self._no_episodes))
+
     def reset(self, state: TrainState) -> TrainState:
-        """Do nothing: `begin_segment` begins all episodes."""
-        return state
+        """Let all episodes begin with the first rollout; see `Rollouts.reset`."""
+        return state._replace(env_state=self._no_episodes)
 
     def begin_segment(self, state: TrainState, seed: Any) -> TrainState:
-        """Begin new episodes everywhere; see `Rollouts.begin_segment`."""
-        self.latest, timestep = None, int(state.timestep)
-        with _with_step(timestep, "on a new start"):
-            self._observation = self._open().reset(host_seed(int(seed), "train", timestep))
-        return self._without_episodes(state)
+        """Let the episodes continue where they are; see `Rollouts.begin_segment`."""
+        self._latest, self._seed = None, int(seed)
+        if state.env_state is not self._running:
+            self._running, self._is_live = state.env_state, False
+        elif self._is_live and (too_long := self._running.length < 0).any():
+            state = self._begin_anew(state, too_long)
+        return state._replace(env_state=self._no_episodes, episodes=state.episodes.after_report())
+
+    def end_segment(self, state: TrainState) -> TrainState:
+        """See `Rollouts.end_segment`."""
+        if self._is_live:
+            self._running = self._frozen().running(self._no_episodes)
+        return state._replace(env_state=self._running)
+
+    def _frozen(self) -> FrozenHistory:
+        assert self._history is not None
+        return self._history.freeze(self._open().episode, self._observation)
+
+    def _begin_anew(self, state: TrainState, which: Bool[np.ndarray, " envs"]) -> TrainState:
+        """Begin the next episode in some copies, as a resume would."""
+        running, num_envs = self._running, self.config.num_envs
+        episode = first_episodes(num_envs, running.num_before + 1)
+        with _with_step(int(state.timestep), "on a new start"):
+            seed = host_seed(self._seed, "train")
+            self._observation = self._open().reset(seed, episodes=np.where(which, episode, -1))
+        self._history = ActionHistory(
+            num_envs, self._longest, np.where(which, 0, running.length), running.actions
+        )
+        return self._without_running(state, which)
+
+    def _enter_episodes(self, state: TrainState) -> TrainState:
+        """Begin new episodes, or continue in those that were running when the state was saved."""
+        envs, running, timestep = self._open(), self._running, int(state.timestep)
+        num_envs, seed = self.config.num_envs, host_seed(self._seed, "train")
+        if len(running.length):
+            with _with_step(timestep, "replaying the running episodes"):
+                self._observation, restarted = replay(envs, seed, running)
+            length = np.where(restarted, 0, running.length)
+            self._history = ActionHistory(num_envs, self._longest, length, running.actions)
+        else:
+            # no copy has played as many episodes as there were steps
+            episode, restarted = first_episodes(num_envs, timestep), np.ones(num_envs, bool)
+            with _with_step(timestep, "on a new start"):
+                self._observation = envs.reset(seed, episodes=episode)
+            self._history = ActionHistory(num_envs, self._longest)
+        return self._without_running(state, restarted)
 
     def buffer(self) -> None:
         """Return None: `collect` writes into NumPy arrays of its own."""
@@ -128,6 +207,10 @@ class HostRollouts(Rollouts):
         """
         config, rollout, noise = self.config, None, np.zeros(0)
         envs, timestep = self._open(), int(state.timestep)
+        if not self._is_live:
+            state, self._is_live = self._enter_episodes(state), True
+        history = self._history
+        assert history is not None
         policy, log_std = self._for_acting(state.networks.actor), state.networks.actor.log_std
         for i in range(config.chunk_steps << int(stage)):
             chunk, step_of_chunk = divmod(i, config.chunk_steps)
@@ -137,14 +220,17 @@ class HostRollouts(Rollouts):
             action, env_action = self._act(
                 policy, log_std, state.normalizer, noise[step_of_chunk], observation
             )
+            actions = np.asarray(env_action)
             with _with_step(timestep + i * config.num_envs):
-                step, self._observation = envs.step(np.asarray(env_action))
+                step, self._observation = envs.step(actions)
+            history.append(actions, np.asarray(step.terminated | step.truncated))
             arrays: Any = (observation, np.asarray(action), *step[1:], step.observation)
             transition = Transition(*arrays)
             if rollout is None:
                 rollout = self._rollout_like(transition)
             for array, row in zip(rollout, transition, strict=True):
                 array[chunk, step_of_chunk] = row  # pyright: ignore[reportIndexIssue]
+        history.end_rollout()
         return self._scaled(state, rollout, self._observation, stage)
 
     def evaluate(
@@ -157,7 +243,7 @@ class HostRollouts(Rollouts):
     def _play(
         self, state: TrainState, seed: int, num_episodes: int
     ) -> tuple[Float32[np.ndarray, " episodes"], bool]:
-        envs, returns = self._open(), np.zeros(num_episodes)
+        envs, returns = self._open_validation(), np.zeros(num_episodes)
         policy = self._for_acting(state.networks.actor)
         observation = envs.reset(host_seed(seed, "validation"), num_episodes)
         while np.any(playing := envs.episode < num_episodes):
@@ -169,14 +255,26 @@ class HostRollouts(Rollouts):
 
     def close(self) -> None:
         """See `Rollouts.close`."""
-        if self._envs is not None:
-            self._envs.close()
-            self._envs = None
+        for envs in (self._envs, self._validation_envs):
+            if envs is not None:
+                envs.close()
+        self._envs = self._validation_envs = None
+        self._is_live = False
 
     def _open(self) -> Any:
         if self._envs is None:
             self._envs = self._spec.host_envs(self.config.num_envs)
         return self._envs
+
+    def _open_validation(self) -> Any:
+        """Return copies to validate on; where there are no others, those of the training, whose episodes are lost."""
+        if self._validation_envs is None:
+            most = min(self.config.num_envs, self.config.num_eval_episodes)
+            self._validation_envs = self._spec.validation_envs(most, self._open())
+        if self._validation_envs is not None:
+            return self._validation_envs
+        self._running, self._is_live = self._no_episodes, False
+        return self._open()
 
     def _rollout_like(self, transition: Transition) -> Transition:
         """Return zeros for the longest rollout; pages that are never written take no memory."""

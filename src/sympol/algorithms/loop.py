@@ -92,7 +92,7 @@ class Loop:
             (state, rollouts.buffer()),
         )
         returns, was_cut = rollouts.evaluate(state, seed)
-        return self._record(state, returns)._replace(was_cut=was_cut)
+        return rollouts.end_segment(self._record(state, returns)._replace(was_cut=was_cut))
 
     def iterate(self, hyper: Hyperparameters, state: TrainState, buffer: Any) -> tuple[TrainState, Any]:
         """Collect a rollout and learn from it.

@@ -25,6 +25,7 @@ from .algorithm import Algorithm, Experience
 from .config import Config
 from .initialization import purpose_key
 from .normalization import Bounded
+from .restart import block_size, restart
 from .sharding import divide_envs
 from .state import Episodes, TrainState, tree_where
 
@@ -42,14 +43,16 @@ class Rollouts(abc.ABC):
         limit: The number of steps after which a validation episode is cut.
     """
 
-    latest: TrainState | None = None
-    """The state after the last rollout, should the next one fail; None inside a compiled program."""
-
     def __init__(self, config: Config, algorithm: Algorithm, bounds: Bounded, limit: int) -> None:
         self.config = config
         self.algorithm = algorithm
         self.bounds = bounds
         self.limit = limit
+
+    @property
+    def latest(self) -> TrainState | None:
+        """The state after the last rollout, should the next one fail; None inside a compiled program."""
+        return None
 
     @abc.abstractmethod
     def compiled(self, function: Callable[..., Any], *, ahead: bool = False) -> Callable[..., Any]:
@@ -153,6 +156,17 @@ class Rollouts(abc.ABC):
             The undiscounted return of each episode, float32 ``[num_episodes]``, and whether one was cut at the limit.
         """
 
+    def end_segment(self, state: TrainState) -> TrainState:
+        """Add to the state what a checkpoint keeps of the running episodes, after the validation.
+
+        Args:
+            state: The state of the training.
+
+        Returns:
+            The state to save, or to continue from.
+        """
+        return state
+
     def close(self) -> None:  # noqa: B027  (a compiled program holds nothing)
         """Close what the host holds; it is opened again on demand."""
 
@@ -237,11 +251,12 @@ class JaxRollouts(Rollouts):
     def collect(
         self, state: TrainState, buffer: Transition | None, stage: Any, key: PRNGKeyArray
     ) -> tuple[TrainState, Experience]:
-        """See `Rollouts.collect`. The environments are reset only after a step in which an episode ended."""
+        """See `Rollouts.collect`. Environments are reset only after a step in which an episode ended (`restart`)."""
         env, distribution, sample = self.env, self.algorithm.distribution, self.algorithm.sample
         shape = (self.config.chunk_steps, self.config.num_envs)
         policy, log_std = state.networks.actor.rollout(), state.networks.actor.log_std
         normalize = state.normalizer
+        block = block_size(env, self.config.num_envs)
 
         def one_step(carry: tuple[Any, Array, Episodes], noise: Any) -> tuple[Any, Transition]:
             env_state, observation, episodes = carry
@@ -255,13 +270,10 @@ class JaxRollouts(Rollouts):
             )
             moved_on = env_state, result.observation
 
-            def restarted() -> Any:
-                return tree_where(done, jax.vmap(env.reset)(reset_keys), moved_on)
-
             if self.mesh is None:
-                env_state, observation = jax.lax.cond(jnp.any(done), restarted, lambda: moved_on)
+                env_state, observation = restart(env, done, reset_keys, moved_on, block)
             else:  # the devices would have to agree on the condition at every step
-                env_state, observation = restarted()
+                env_state, observation = tree_where(done, jax.vmap(env.reset)(reset_keys), moved_on)
             return (env_state, observation, episodes.step(result.reward, done)), transition
 
         def one_chunk(i: Int[Array, ""], carry: Any) -> Any:

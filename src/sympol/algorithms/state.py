@@ -159,7 +159,7 @@ class TrainState(NamedTuple):
         opt_state: The state of the optimizer.
         normalizer: The scale of the features.
         outside: Which features were seen below (first row) and above (second row) the bounds of the space.
-        env_state: The state of the environments; None where the host steps them.
+        env_state: The state of the environments; where the host steps them, the `RunningEpisodes` that lead to it.
         observation: The raw observations ``[envs, features]`` to act on next; None where the host steps them.
         key: Raw data of a JAX key, so that every leaf is a plain array.
         timestep: Environment steps so far.

@@ -23,6 +23,9 @@ class Resume(PlaysRun):
     eval_episodes: int | None = None
     """Number of test episodes on Gymnasium at the end; by default as the training was started with."""
 
+    env_workers: int = 0
+    """Number of processes that step the copies of a Gymnasium environment; it may differ from before."""
+
     json: bool = False
     """Print only the summary, as one line of JSON."""
 
@@ -31,16 +34,17 @@ def run(words: Sequence[str]) -> int:
     """Run ``sympol resume``."""
     given = parse(Resume, "resume", words)
     resumed = Run.open(given.run, given.env, trust=given.trust)
-    return continue_run(resumed, given.eval_episodes, given.json)
+    return continue_run(resumed, given.eval_episodes, given.json, given.env_workers)
 
 
-def continue_run(run: Run, eval_episodes: int | None, as_json: bool) -> int:
+def continue_run(run: Run, eval_episodes: int | None, as_json: bool, env_workers: int = 0) -> int:
     """Resume a run from its last checkpoint; of a finished one, print the result and change nothing.
 
     Args:
         run: The run.
         eval_episodes: Number of test episodes at the end; by default as the training was started with.
         as_json: Whether to print only the summary, as JSON.
+        env_workers: Number of processes that step the copies of the environment.
 
     Returns:
         The exit status.
@@ -61,6 +65,7 @@ def continue_run(run: Run, eval_episodes: int | None, as_json: bool) -> int:
             warnings.simplefilter("always", DamagedCheckpoint)
             warnings.simplefilter("always", SetAside)
             agent = resume_agent(run)
+            agent.spec = agent.spec.stepped_by(env_workers) if env_workers else agent.spec
         for warning in caught:
             print_warning(warning.message)
         err.print(f"resuming at step {agent.num_timesteps:,} of {agent.config.total_timesteps:,}")

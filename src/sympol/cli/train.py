@@ -61,6 +61,10 @@ class Train:
     """jax: inside the compiled program; native: machine code; host: through Gymnasium; auto: the first of these that
     the environment has."""
 
+    env_workers: int = 0
+    """Number of processes that step the copies of a Gymnasium environment, for one whose steps take a millisecond or
+    more; 0 steps them in this process. The tree is the same to the bit."""
+
     start: Path | None = None
     """The tree to start from: a run's folder, a policy.json, or a listing in a .txt. By default --depth is that of the
     preset, or that of the tree if it is deeper."""
@@ -109,9 +113,10 @@ def run(words: Sequence[str]) -> int:
     from .resume import continue_run
 
     spec = resolve(given.env, env_kwargs=env_kwargs(given.env_kwargs), backend=given.backend)
+    spec = spec.stepped_by(given.env_workers)
     agent = agent_of(spec, given.config, given.seed, _start(given, spec))
     if given.resume:
-        return continue_run(_same_run(given, agent), given.eval_episodes, given.json)
+        return continue_run(_same_run(given, agent), given.eval_episodes, given.json, given.env_workers)
     if given.tensorboard:
         TensorBoard.require()
     require_memory(spec, agent.config)

@@ -93,26 +93,12 @@ def steps_to_goal(
         steps = nearer
 
 
-def nth_episode_seed(seed: int, episode: int, dtype: Any = np.uint32) -> int:
-    """Return the seed of one episode of those that `VectorEnvs.reset` begins.
-
-    Args:
-        seed: The seed of all these episodes.
-        episode: The number of the episode, from 0.
-        dtype: The type of the seed, `numpy.uint32` or `numpy.uint64`.
-
-    Returns:
-        The seed. It is even, as no test episode's is (`sympol.play.episode_seed`).
-    """
-    return int(np.random.SeedSequence([seed, episode]).generate_state(1, dtype)[0]) & ~1
-
-
 class VectorEnvs(Protocol):
     """E copies of an environment that are stepped together on the host and restart by themselves.
 
     The episodes are numbered: copy i plays those with the numbers i, i + E, i + 2 E and so on, and the seed of each
-    follows from its number (`nth_episode_seed`), not from what happened before. `sympol.envs.host.HostEnvs` is the
-    form for any Gymnasium environment.
+    follows from its number (`sympol.envs.seeds.nth_episode_seed`), not from what happened before.
+    `sympol.envs.host_envs.HostEnvs` is the form for any Gymnasium environment.
     """
 
     @property
@@ -130,16 +116,20 @@ class VectorEnvs(Protocol):
         """The number of the episode that each copy plays."""
         ...
 
-    def reset(self, seed: int, num_episodes: int | None = None) -> Float32[ndarray, "envs features"]:
-        """Start the episode in every copy whose number is that of the copy.
+    def reset(
+        self, seed: int, num_episodes: int | None = None, episodes: Int64[ndarray, " envs"] | None = None
+    ) -> Float32[ndarray, "envs features"]:
+        """Begin an episode in every copy.
 
         Args:
             seed: The seed that all episodes' seeds are derived from.
             num_episodes: How many episodes there are: those with this number and above do not begin. By default
                 there is no end of them.
+            episodes: The number of the episode that each copy begins, -1 where it continues its own; by default
+                the number of the copy.
 
         Returns:
-            The first observations; of copies without an episode, zeros.
+            The observations that the next actions answer to; of copies without an episode, zeros.
         """
         ...
 

@@ -40,13 +40,15 @@ It is trained on as it is, or registered under a name:
 
 from __future__ import annotations
 
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, runtime_checkable
 
 import gymnasium
-from jax import Array
-from jaxtyping import Float, PRNGKeyArray
 
 from ..types import Action, Step
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Float, PRNGKeyArray
 
 MAX_EPISODE_STEPS = 10_000
 """Number of steps after which an episode is cut when a policy is evaluated and there is no time limit."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any, get_args
 
@@ -22,7 +22,8 @@ from .names import NAMES, known_names
 from .on_host import OnHost
 from .origin import Origin, Wrapping
 from .recorded import Recorded
-from .sources import Source, is_factory, make_wrapped, open_source
+from .remake import make_wrapped
+from .sources import Source, is_factory, open_source
 from .spaces import Features, action_spec
 from .spec import Backend, EnvSpec, HostFactory, not_listed
 from .user_code import absolute, is_file, short, split
@@ -180,7 +181,6 @@ def _later(
 ) -> HostFactory:
     """Return a function that makes an environment, which is compared with what was recorded when the first is made."""
 
-    @cache
     def make_host() -> HostFactory:
         found = resolve(env_id, env_kwargs=kwargs, wrappers=wrappers, backend="host")
         for space in ("observation_space", "action_space"):
@@ -192,7 +192,25 @@ def _later(
                 )
         return found.make_host
 
-    return lambda **options: make_host()(**options)
+    return _Later(make_host)
+
+
+class _Later:
+    """A function that makes an environment, found when it is first called or sent to another process."""
+
+    def __init__(self, find: Callable[[], HostFactory]) -> None:
+        self._find = cache(find)
+
+    def __call__(self, **options: Any) -> gymnasium.Env:
+        return self._find()(**options)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return identity, (self._find(),)
+
+
+def identity(make: HostFactory) -> HostFactory:
+    """Return the function; this is what a worker process makes of a `_Later`."""
+    return make
 
 
 def _entry(env_id: str) -> Entry:

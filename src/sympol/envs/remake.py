@@ -182,3 +182,19 @@ def _render_mode(kwargs: Mapping[str, Any]) -> dict[str, Any]:
 def _quietly() -> warnings.catch_warnings:
     """Silence what Gymnasium says of every environment it makes, because it has said so of the user's."""
     return warnings.catch_warnings(action="ignore")
+
+
+def make_wrapped(
+    make: Callable[..., gymnasium.Env], wrappers: Sequence[Wrapping], **options: Any
+) -> gymnasium.Env:
+    """Make an environment and put wrappers around it.
+
+    Args:
+        make: A function that makes the environment.
+        wrappers: The wrappers, from the innermost.
+        options: Arguments of the function.
+
+    Returns:
+        The outermost wrapper.
+    """
+    return wrap(make(**options), wrappers)

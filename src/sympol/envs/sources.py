@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,9 +13,9 @@ from .env import Env
 from .equality import step_limit
 from .foreign import ForeignEnv
 from .jax_protocol import time_limit
-from .origin import Origin, Wrapping
+from .origin import Origin
 from .recorded import Recorded
-from .remake import copier, describe, wrap
+from .remake import copier, describe
 from .spaces import require_spaces
 from .spec import HostFactory, no_copies
 
@@ -120,20 +120,6 @@ def is_factory(env: object) -> bool:
         True for a function or a class.
     """
     return callable(env) and (isinstance(env, type) or not isinstance(env, gymnasium.Env | Env))
-
-
-def make_wrapped(make: HostFactory, wrappers: Sequence[Wrapping], **options: Any) -> gymnasium.Env:
-    """Make an environment and put wrappers around it.
-
-    Args:
-        make: A function that makes the environment.
-        wrappers: The wrappers, from the innermost.
-        options: Arguments of the function.
-
-    Returns:
-        The outermost wrapper.
-    """
-    return wrap(make(**options), wrappers)
 
 
 def _object(env: gymnasium.Env, remake: Remake) -> Source:

@@ -16,12 +16,17 @@ from jaxtyping import Float32
 from ..trees.actions import ActionSpec
 from .capabilities import NativeEngine, StateGraph, VectorEnvs
 from .env import Env
-from .host import HostEnvs
+from .env_workers import WorkerPool
+from .host_envs import HostEnvs, OwnedHostEnvs
 from .origin import Origin, Wrapping
 from .spaces import Features
 
 HostFactory: TypeAlias = Callable[..., gymnasium.Env]
 Backend: TypeAlias = Literal["auto", "jax", "native", "host"]
+
+
+MOST_WORKERS = 1024
+"""The most processes that step one environment."""
 
 
 def not_listed() -> None:
@@ -55,6 +60,7 @@ class EnvSpec:
         all_observations: A function that lists all possible observations ``[batch, features]``, or returns None.
         find_origin: A function that returns how the environment was made.
         find_copies: A function that returns one that makes copies proven to be the same, or None.
+        env_workers: The number of processes that step the copies of Gymnasium's form; 0 is this process.
     """
 
     name: str
@@ -73,6 +79,7 @@ class EnvSpec:
     all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
     find_origin: Callable[[], Origin] = Origin
     find_copies: Callable[[], HostFactory | None] = no_copies
+    env_workers: int = 0
 
     @property
     def origin(self) -> Origin:
@@ -124,12 +131,38 @@ class EnvSpec:
         """Return the same environment, of which a training steps a number of copies.
 
         Args:
-            num_envs: The number of copies. If they are Gymnasium's, no more are ever open at once.
+            num_envs: The number of copies. If they are Gymnasium's, no more are opened to play whole
+                episodes on.
 
         Returns:
             The description.
         """
         return replace(self, most_copies=min(self.most_copies, num_envs)) if self.backend == "host" else self
+
+    def stepped_by(self, env_workers: int) -> EnvSpec:
+        """Return the same environment, of which a training's copies are stepped by worker processes.
+
+        Args:
+            env_workers: The number of processes; with 0, the training's own process steps them. It changes no result.
+
+        Returns:
+            The description.
+
+        Raises:
+            ValueError: The number is negative, or the environment is not stepped through Gymnasium.
+        """
+        number = env_workers
+        if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number <= MOST_WORKERS:
+            raise ValueError(
+                f"env_workers must be a whole number from 0 to {MOST_WORKERS}, got {env_workers!r}"
+            )
+        if number and self.backend != "host":
+            where = "inside the compiled program" if self.backend == "jax" else "in machine code"
+            raise ValueError(
+                f"env_workers must be 0 for {self.name}, which is stepped {where}, got {number}; backend='host' steps "
+                "it through Gymnasium"
+            )
+        return replace(self, env_workers=number)
 
     def host_envs(self, num_envs: int) -> VectorEnvs:
         """Make copies to step together on the host.
@@ -145,11 +178,13 @@ class EnvSpec:
         """
         if self.native is not None:
             return self.native.make_envs(num_envs)
+        if self.env_workers:
+            return self._copies_in_workers(num_envs)
         if not self.has_one_copy:
-            return HostEnvs(self.make_host, num_envs, self.features)
+            return self._copies(self.make_host, num_envs)
         own = partial(_Kept, self.make_host())
         if num_envs == 1:
-            return HostEnvs(own, 1, self.features)
+            return self._copies(own, 1)
         copies = self.find_copies()
         if copies is None:
             raise ValueError(
@@ -157,7 +192,50 @@ class EnvSpec:
                 "its spec; give a function that makes one instead, for as many copies as you like"
             )
         makers = chain([own], repeat(copies))
-        return HostEnvs(lambda: next(makers)(), num_envs, self.features)
+        return self._copies(lambda: next(makers)(), num_envs)
+
+    def validation_envs(self, num_envs: int, beside: VectorEnvs) -> VectorEnvs | None:
+        """Make copies beside those of `host_envs`, to validate on while the training episodes wait.
+
+        Args:
+            num_envs: The most copies to make. There are fewer where no more can be made, for want of a licence or a
+                port for each.
+            beside: The copies that are trained on.
+
+        Returns:
+            The copies, or None where there is only one object, or no more of them can be made.
+        """
+        if self.native is not None:
+            return self.native.make_envs(num_envs)
+        make = self.find_copies() if self.has_one_copy else self.make_host
+        if make is None:
+            return None
+        for number in sorted({num_envs, 1}, reverse=True):
+            try:
+                envs = self._copies(make, number, beside.workers if isinstance(beside, HostEnvs) else None)
+            except Exception:
+                continue
+            return None if envs.shares_with(beside) else envs
+        return None
+
+    def _copies(
+        self, make: Callable[[], gymnasium.Env], num_envs: int, workers: WorkerPool | None = None
+    ) -> HostEnvs:
+        return HostEnvs(make, num_envs, self.features, self.action_space, workers)
+
+    def _copies_in_workers(self, num_envs: int) -> HostEnvs:
+        make = self.find_copies() if self.has_one_copy else self.make_host
+        if make is None:
+            raise ValueError(
+                f"env_workers must be 0, got {self.env_workers}: {self.name} is an object that cannot be remade from "
+                "its spec; give a function that makes one instead"
+            )
+        workers = WorkerPool(min(self.env_workers, num_envs))
+        try:
+            return OwnedHostEnvs(make, num_envs, self.features, self.action_space, workers)
+        except BaseException:
+            workers.close()
+            raise
 
 
 class OneCopy(UserWarning):

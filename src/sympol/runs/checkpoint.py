@@ -22,6 +22,8 @@ from .. import files
 from ..bounded import parse_json
 
 KEPT = 2
+_MOST_GROWN = 1 << 28
+"""The size, in bytes, up to which arrays that may have any length are read."""
 _NAME = re.compile(r"[0-9]{12}")
 _MOST_SEAL = 10_000
 """The size, in bytes, of the largest seal that is read, and room for what safetensors says of an array."""
@@ -87,7 +89,8 @@ def load_latest(folder: Path, like: State, obsolete: tuple[str, ...] = ()) -> tu
 
     Args:
         folder: The folder of the checkpoints.
-        like: A pytree of arrays, or of their shapes, of the form of the state.
+        like: A pytree of arrays, or of their shapes, of the form of the state. The first axis of an array that is
+            empty may have any length in the file, and the array may be missing there.
         obsolete: How the names of arrays begin that a checkpoint may hold and that are not read.
 
     Returns:
@@ -156,6 +159,7 @@ def _load(seal_path: Path, like: State, obsolete: tuple[str, ...]) -> tuple[Stat
     timestep, checksum = _read_seal(seal_path)
     named = jax.tree_util.tree_flatten_with_path(like)[0]  # arrays, or only their shapes
     most = _MOST_SEAL + sum(int(leaf.size) * leaf.dtype.itemsize + _MOST_SEAL for _, leaf in named)
+    most += _MOST_GROWN if any(_grows(leaf) for _, leaf in named) else 0
     content = files.read_bytes(seal_path.with_suffix(".safetensors"), most)
     if hashlib.sha256(content).hexdigest() != checksum:
         raise ValueError("its checksum does not match: truncated or edited")
@@ -163,13 +167,19 @@ def _load(seal_path: Path, like: State, obsolete: tuple[str, ...]) -> tuple[Stat
     leaves = []
     for path, leaf in named:
         name = jax.tree_util.keystr(path)
-        saved = tensors.pop(name)
-        if saved.shape != leaf.shape or saved.dtype != leaf.dtype:
+        saved = tensors.pop(name, leaf) if _grows(leaf) else tensors.pop(name)
+        shape = (len(saved), *leaf.shape[1:]) if _grows(leaf) and saved.ndim else leaf.shape
+        if saved.shape != shape or saved.dtype != leaf.dtype:
             raise ValueError(f"{name} is {saved.dtype}{saved.shape}, expected {leaf.dtype}{leaf.shape}")
         leaves.append(saved)
     if unexpected := [name for name in sorted(tensors) if not name.startswith(obsolete)]:
         raise ValueError(f"unexpected arrays {unexpected}")
     return jax.tree.unflatten(jax.tree.structure(like), leaves), timestep
+
+
+def _grows(leaf: Any) -> bool:
+    """Return whether an array may have another length in a file."""
+    return bool(leaf.shape) and leaf.shape[0] == 0
 
 
 def _named_leaves(state: Any) -> list[tuple[str, np.ndarray]]:

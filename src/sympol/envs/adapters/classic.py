@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import partial
+from functools import cache, partial
+from importlib import import_module
 
-from ..classic.acrobot import Acrobot
-from ..classic.cartpole import CartPole
-from ..classic.mountain_car import MountainCar, MountainCarContinuous
-from ..classic.pendulum import Pendulum
 from ..entries import Adapter, Entry
 from ..env import Env
 from .gymnasium import make
 
-ENVS: dict[str, Env] = {
-    "CartPole-v1": CartPole(),
-    "Pendulum-v1": Pendulum(),
-    "Acrobot-v1": Acrobot(),
-    "MountainCar-v0": MountainCar(),
-    "MountainCarContinuous-v0": MountainCarContinuous(),
+ENVS: dict[str, str] = {
+    "CartPole-v1": "cartpole:CartPole",
+    "Pendulum-v1": "pendulum:Pendulum",
+    "Acrobot-v1": "acrobot:Acrobot",
+    "MountainCar-v0": "mountain_car:MountainCar",
+    "MountainCarContinuous-v0": "mountain_car:MountainCarContinuous",
 }
-"""All of these have a drawing on the report page."""
+"""The module and the class of each, imported when the task is asked for; all have a drawing on the report page."""
 
 
 class Classic(Adapter):
@@ -30,8 +27,24 @@ class Classic(Adapter):
         """See `Adapter.entry`."""
         if env_id not in ENVS:
             return None
-        return Entry(ENVS[env_id], partial(make, env_id), drawing=env_id)
+        return Entry(in_jax(env_id), partial(make, env_id), drawing=env_id)
 
     def ids(self) -> Iterable[str]:
         """See `Adapter.ids`."""
         return ENVS
+
+
+@cache
+def in_jax(env_id: str) -> Env | None:
+    """Return a classic control task in JAX.
+
+    Args:
+        env_id: Gymnasium's id.
+
+    Returns:
+        The environment, or None for any other id.
+    """
+    if env_id not in ENVS:
+        return None
+    module, _, name = ENVS[env_id].partition(":")
+    return getattr(import_module(f"sympol.envs.classic.{module}"), name)()

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Dict, Discrete, Tuple
 from jax import Array
 
 from ..foreign import NEVER, Answer, ForeignEnv, Library
-from .classic import ENVS
+from .classic import in_jax
 
 
 class Gymnax(Library):
@@ -58,7 +58,7 @@ class GymnaxEnv(ForeignEnv):
         self.tells_apart = hasattr(env, "is_truncated")
         self.endless = params if limit is None else params.replace(max_steps_in_episode=NEVER)
         observed = _space(env.observation_space(params))
-        ours = ENVS.get(name.partition(":")[2])
+        ours = in_jax(name.partition(":")[2])
         same = ours is not None and ours.observation_space.shape == observed.shape
         super().__init__(
             name,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Shaped, UInt64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, Shaped, UInt64
 from numpy import ndarray
 
 from .lander import FEATURES, LIMIT, start, step
@@ -68,7 +68,16 @@ class Copies:
         self._landings, self._lanes = allocate_landings(self.number), allocate_lanes()
         self.observation = np.zeros((self.number, FEATURES), np.float32)
         """The observations that the next actions answer to."""
-        _start(self._landings, seeds, self.observation, self._lanes)
+        self.restart(np.arange(self.number), seeds)
+
+    def restart(self, which: Int64[ndarray, " restarted"], seeds: UInt64[ndarray, " copies"]) -> None:
+        """Begin new episodes in some copies.
+
+        Args:
+            which: The copies.
+            seeds: The seed of each copy's episode, of those that go on, too.
+        """
+        _start(self._landings, which, seeds, self.observation, self._lanes)
 
     def step(
         self,
@@ -185,9 +194,9 @@ def _allocate(number: int) -> Batch:
 
 
 @compiled
-def _start(landings, seeds, observation, lanes):
+def _start(landings, which, seeds, observation, lanes):
     landings, lanes = borrowed_landings(landings), borrowed_lanes(lanes)
-    for at in range(len(seeds)):
+    for at in which:
         start(landings, at, seeds[at], observation[at], lanes)
 
 

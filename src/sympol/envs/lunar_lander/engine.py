@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float32, Float64, Int32, Int64, Shaped, UInt64
 from numpy import ndarray
 
 from ...types import Step
-from ..capabilities import TreeArrays, nth_episode_seed
+from ..capabilities import TreeArrays
 from ..errors import MissingExtra
+from ..seeds import nth_episode_seed
 
 IDS = ("LunarLander-v3", "LunarLanderContinuous-v3")
 """Environments that do the same as Gymnasium's to the bit (tests/parity/test_lunar_lander.py)."""
@@ -110,8 +111,12 @@ class NativeEnvs:
         """The number of the episode that each copy plays."""
         return self._episode.copy()
 
-    def reset(self, seed: int, num_episodes: int | None = None) -> Float32[ndarray, "envs features"]:
-        """Start the episode in every copy whose number is that of the copy; see `VectorEnvs.reset`.
+    def reset(
+        self, seed: int, num_episodes: int | None = None, episodes: Int64[ndarray, " envs"] | None = None
+    ) -> Float32[ndarray, "envs features"]:
+        """Begin an episode in every copy; ``num_episodes`` is ignored, as more cost next to nothing.
+
+        See `VectorEnvs.reset`.
 
         Raises:
             MissingExtra: Numba is not installed.
@@ -119,8 +124,14 @@ class NativeEnvs:
         ENGINE.require_installed()
         from .batch import Copies
 
-        self._seed, self._episode = seed, np.arange(self.num_envs)
-        self._copies = Copies(self._seeds(self._episode))
+        numbers = np.arange(self.num_envs) if episodes is None else np.asarray(episodes, np.int64)
+        begins = numbers >= 0
+        self._seed, self._episode = seed, np.where(begins, numbers, self._episode)
+        seeds = self._seeds(self._episode)
+        if self._copies is None or begins.all():
+            self._copies = Copies(seeds)
+        else:
+            self._copies.restart(np.flatnonzero(begins), seeds)
         self._next_seeds = self._seeds(self._episode + self.num_envs)
         return self._copies.observation.copy()
 
