@@ -25,6 +25,7 @@ from .algorithm import Algorithm, Experience
 from .config import Config
 from .initialization import purpose_key
 from .normalization import Bounded
+from .restart import block_size, restart
 from .sharding import divide_envs
 from .state import Episodes, TrainState, tree_where
 
@@ -250,11 +251,12 @@ class JaxRollouts(Rollouts):
     def collect(
         self, state: TrainState, buffer: Transition | None, stage: Any, key: PRNGKeyArray
     ) -> tuple[TrainState, Experience]:
-        """See `Rollouts.collect`. The environments are reset only after a step in which an episode ended."""
+        """See `Rollouts.collect`. Environments are reset only after a step in which an episode ended (`restart`)."""
         env, distribution, sample = self.env, self.algorithm.distribution, self.algorithm.sample
         shape = (self.config.chunk_steps, self.config.num_envs)
         policy, log_std = state.networks.actor.rollout(), state.networks.actor.log_std
         normalize = state.normalizer
+        block = block_size(env, self.config.num_envs)
 
         def one_step(carry: tuple[Any, Array, Episodes], noise: Any) -> tuple[Any, Transition]:
             env_state, observation, episodes = carry
@@ -268,13 +270,10 @@ class JaxRollouts(Rollouts):
             )
             moved_on = env_state, result.observation
 
-            def restarted() -> Any:
-                return tree_where(done, jax.vmap(env.reset)(reset_keys), moved_on)
-
             if self.mesh is None:
-                env_state, observation = jax.lax.cond(jnp.any(done), restarted, lambda: moved_on)
+                env_state, observation = restart(env, done, reset_keys, moved_on, block)
             else:  # the devices would have to agree on the condition at every step
-                env_state, observation = restarted()
+                env_state, observation = tree_where(done, jax.vmap(env.reset)(reset_keys), moved_on)
             return (env_state, observation, episodes.step(result.reward, done)), transition
 
         def one_chunk(i: Int[Array, ""], carry: Any) -> Any:

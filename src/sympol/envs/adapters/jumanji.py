@@ -52,7 +52,7 @@ class JumanjiEnv(ForeignEnv):
         if limit is not None:
             self.endless = copy.copy(env)
             self.endless.time_limit = NEVER
-        self.shape = tuple(env.action_spec.shape)
+        self.shape, self.lowest = tuple(env.action_spec.shape), _lowest(env.action_spec)
         super().__init__(
             name,
             _space(env.observation_spec),
@@ -67,7 +67,7 @@ class JumanjiEnv(ForeignEnv):
 
     def advance(self, key: Array, state: Any, action: Array) -> Answer:
         """See `ForeignEnv.advance`."""
-        action = action.reshape(self.shape)
+        action = (action + self.lowest).astype(self.env.action_spec.dtype).reshape(self.shape)
         after, timestep = self.env.step(state, action)
         terminated = _is_terminal(self.endless.step(state, action)[1])
         is_cut = timestep.last() & ~terminated
@@ -101,6 +101,12 @@ def _space(spec: Any) -> gymnasium.Space:
     return Dict({name: _space(part) for name, part in spec._specs.items()})
 
 
+def _lowest(spec: Any) -> Any:
+    """Return what to add to actions that count from zero."""
+    counts = type(spec).__name__ == "BoundedArray" and np.issubdtype(spec.dtype, np.integer)
+    return np.ravel(np.broadcast_to(spec.minimum, spec.shape)) if counts else 0
+
+
 def _actions(spec: Any) -> gymnasium.Space:
     match type(spec).__name__:
         case "DiscreteArray":
@@ -112,4 +118,7 @@ def _actions(spec: Any) -> gymnasium.Space:
                 np.broadcast_to(b, spec.shape).astype(np.float32) for b in (spec.minimum, spec.maximum)
             )
             return Box(low, high, dtype=np.float32)
+        case "BoundedArray":
+            low, high = (np.broadcast_to(b, spec.shape) for b in (spec.minimum, spec.maximum))
+            return MultiDiscrete(np.ravel(high.astype(int) - low + 1))
     raise ValueError(f"actions must be discrete or bounded numbers, got {spec}")

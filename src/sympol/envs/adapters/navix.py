@@ -11,8 +11,9 @@ from jax import Array
 
 from ..foreign import Answer, ForeignEnv, Library
 
-_CHANNELS = ("object", "colour", "state")
-"""What the three numbers of a cell are in navix's symbolic observations."""
+_CHANNELS = {"object": 10, "colour": 5, "state": 3}
+"""The three numbers of a cell in navix's symbolic observations, and the largest value of each; the declared bounds of
+some of navix's functions are smaller than what they return."""
 
 
 class Navix(Library):
@@ -47,13 +48,16 @@ class NavixEnv(ForeignEnv):
             np.broadcast_to(np.asarray(bound), shape).astype(np.int32)
             for bound in (env.observation_space.minimum, env.observation_space.maximum)
         )
-        symbolic = len(shape) == 3 and shape[2] == len(_CHANNELS)
+        symbolic = len(shape) == 3 and env.observation_fn.__name__.startswith("symbolic")
+        if symbolic:
+            high = np.broadcast_to(np.array([*_CHANNELS.values()], np.int32), shape)
+        names = [*_CHANNELS]
         super().__init__(
             name,
             Box(low, high, dtype=np.int32),
             Discrete(int(env.action_space.n)),
             int(env.max_steps),
-            feature_names=tuple(f"{_CHANNELS[c]} at [{i}, {j}]" for i, j, c in np.ndindex(shape))
+            feature_names=tuple(f"{names[c]} at [{i}, {j}]" for i, j, c in np.ndindex(shape))
             if symbolic
             else None,
             action_names=tuple(

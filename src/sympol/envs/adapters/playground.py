@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import jax
+
 from ..foreign import ForeignEnv, Library
 from .brax import EPISODE_LENGTH, StateEnv
 
@@ -21,7 +23,12 @@ class Playground(Library):
 
     def make(self, name: str, *, max_episode_steps: int | None = None, **kwargs: Any) -> ForeignEnv:
         """See `Library.make`."""
-        env = self.library("registry").load(name, config_overrides=kwargs or None)
+        registry = self.library("registry")
+        if jax.default_backend() == "cpu" and "impl" in registry.get_default_config(name):
+            kwargs.setdefault(
+                "impl", "jax"
+            )  # the default, MuJoCo Warp, is for GPUs: there it takes 40 times as long
+        env = registry.load(name, config_overrides=kwargs or None)
         return StateEnv(f"playground:{name}", env, max_episode_steps or _length(env))
 
     def wrap(self, env: Any) -> ForeignEnv:
