@@ -481,8 +481,9 @@ def _checked_seed(seed: object) -> int:
 
 def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | None) -> Config:
     if not spec.can_be_copied:
-<<<<<<< HEAD
         overrides = {"num_envs": 1, **overrides}
+    if spec.vector is not None:
+        overrides = {"num_envs": spec.vector.num_envs, **overrides}
     values = preset(
         spec.preset_id,
         name,
@@ -491,11 +492,6 @@ def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | 
         given=overrides,
         from_tree=start is not None,
     )
-=======
-        values = {**values, "num_envs": 1}
-    if spec.vector is not None:
-        values = {**values, "num_envs": spec.vector.num_envs}
->>>>>>> main
     if start is not None and overrides["policy"] == "tree":
         values = start.deepened(values)
     config = Config.from_dict({**values, **overrides})

@@ -208,6 +208,9 @@ def _planned(seen: Inspection, config: Config, preset: str) -> list[tuple[str, s
     )
     lengths = seen.episodes.lengths
     steps = round(work.validation_episodes * sum(lengths) / len(lengths)) if lengths else 0
+    at_most = "at most " if config.eval_share and spec.backend == "host" else ""
+    if at_most:
+        steps = min(steps, round(config.eval_share * config.total_timesteps))
     beside = f", about {steps:,} steps of their own if they last as long as at random" if steps else ""
     plan = [
         (
@@ -216,7 +219,7 @@ def _planned(seen: Inspection, config: Config, preset: str) -> list[tuple[str, s
             f"{config.total_timesteps:,} steps in "
             f"{config.num_envs} copies, {work.optimizer_steps:,} optimizer steps",
         ),
-        ("validation", f"{work.validations} times {config.num_eval_episodes} episodes{beside}"),
+        ("validation", f"{work.validations} times {at_most}{config.num_eval_episodes} episodes{beside}"),
     ]
     if spec.backend == "host":
         seconds = (config.total_timesteps + steps) / seen.steps_per_second
