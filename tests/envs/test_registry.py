@@ -141,12 +141,10 @@ def test_unknown_ids_are_answered_with_near_ones(name: str, near: str) -> None:
 
 @pytest.mark.parametrize(
     "env",
-    [3, None, object(), lambda: 3, gymnasium.make_vec],
-    ids=["int", "None", "object", "lambda", "make_vec"],
+    [3, None, object(), lambda: 3],
+    ids=["int", "None", "object", "lambda"],
 )
 def test_what_is_no_environment(env: Any) -> None:
-    if env is gymnasium.make_vec:
-        env = gymnasium.make_vec("CartPole-v1", 2, vectorization_mode="sync")
     with pytest.raises(TypeError, match="env must be an id"):
         resolve(env)
 
