@@ -479,6 +479,8 @@ def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | 
     values = preset(spec.preset_id, name, policy=overrides["policy"], algorithm=overrides["algorithm"])
     if not spec.can_be_copied:
         values = {**values, "num_envs": 1}
+    if spec.vector is not None:
+        values = {**values, "num_envs": spec.vector.num_envs}
     if start is not None and overrides["policy"] == "tree":
         values = start.deepened(values)
     config = Config.from_dict({**values, **overrides})

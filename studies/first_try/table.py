@@ -12,7 +12,8 @@ from rich.table import Table
 
 from .judge import Record
 
-OTHERS = ("rule", "sb3", "mlp", "viper")
+LEARNERS = ("sb3", "mlp", "viper")
+OTHERS = ("rule", *LEARNERS)
 
 
 class Row(NamedTuple):
@@ -24,6 +25,7 @@ class Row(NamedTuple):
         best: The name of the best other method.
         returns: The returns of the method that is judged, by seed.
         shares: (return − random) / (best of the others − random), by seed; empty where no other beats random.
+        of_learners: The median share beside those that learn, without the rule.
         nodes: The median size of its trees, if they are trees.
     """
 
@@ -32,6 +34,7 @@ class Row(NamedTuple):
     best: str
     returns: Sequence[float]
     shares: Sequence[float]
+    of_learners: float | None
     nodes: float | None
 
     @property
@@ -81,35 +84,49 @@ def _row(env: str, found: Mapping[str, Mapping[int, Record]], method: str) -> Ro
     best = max(others, key=lambda name: medians[name], default="")
     ours = [found[method][seed] for seed in sorted(found.get(method, {}))]
     returns = [record["return_mean"] for record in ours]
-    low, high = medians.get("random", float("nan")), medians.get(best, float("nan"))
-    shares = [(each - low) / (high - low) for each in returns] if high > low else []
+    low = medians.get("random", float("nan"))
+
+    def shares(names: Sequence[str]) -> list[float]:
+        high = max((medians[name] for name in names), default=float("nan"))
+        return [(each - low) / (high - low) for each in returns] if high > low else []
+
+    learned = shares([name for name in others if name in LEARNERS])
     sizes = [record["nodes"] for record in ours if "nodes" in record]
-    return Row(env, medians, best, returns, shares, median(sizes) if sizes else None)
+    return Row(
+        env,
+        medians,
+        best,
+        returns,
+        shares(others),
+        median(learned) if learned else None,
+        median(sizes) if sizes else None,
+    )
 
 
 def render(found: Sequence[Row], method: str = "tree") -> Table:
     """Return the table for the terminal."""
     names = ("random", "idle", *OTHERS)
-    table = Table(
-        "environment", *(name for name in names if name != method), method, "nodes", "share", "shares by seed"
-    )
+    shown = [name for name in names if name != method]
+    table = Table("environment", *shown, method, "nodes", "share", "by seed", "of learners")
     for row in found:
-        cells = [
-            f"{row.medians[name]:.4g}" if name in row.medians else "" for name in names if name != method
-        ]
+        cells = [f"{row.medians[name]:.4g}" if name in row.medians else "" for name in shown]
         ours = f"{row.medians[method]:.4g}" if method in row.medians else ""
         share = "" if row.share is None else f"{row.share:.2f}" + (" harmful" if row.is_harmful else "")
         by_seed = " ".join(f"{each:.2f}" for each in row.shares)
-        table.add_row(row.env, *cells, ours, "" if row.nodes is None else f"{row.nodes:.0f}", share, by_seed)
+        learned = "" if row.of_learners is None else f"{row.of_learners:.2f}"
+        nodes = "" if row.nodes is None else f"{row.nodes:.0f}"
+        table.add_row(row.env, *cells, ours, nodes, share, by_seed, learned)
     return table
 
 
 def summary(found: Sequence[Row]) -> dict[str, Any]:
     """Return the median and the least share over the environments, and how many are worse than doing nothing."""
     shares = [row.share for row in found if row.share is not None]
+    learned = [row.of_learners for row in found if row.of_learners is not None]
     return {
         "environments": len(shares),
         "median_share": round(median(shares), 3) if shares else None,
         "least_share": round(min(shares), 3) if shares else None,
+        "median_of_learners": round(median(learned), 3) if learned else None,
         "harmful": sum(row.is_harmful for row in found),
     }

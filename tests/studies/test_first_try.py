@@ -80,9 +80,20 @@ def test_shares_are_of_the_best_other_method():
     [row] = rows([*OTHERS, record("tree", 0, 11.0, nodes=3), record("tree", 1, 6.0, nodes=7)])
     assert (row.best, row.shares, row.share, row.nodes) == ("sb3", [1.0, 0.5], 0.75, 5)
     assert not row.is_harmful
-    assert summary([row]) == {"environments": 1, "median_share": 0.75, "least_share": 0.75, "harmful": 0}
+    assert summary([row]) == {
+        "environments": 1,
+        "median_share": 0.75,
+        "least_share": 0.75,
+        "median_of_learners": 0.75,
+        "harmful": 0,
+    }
     [row] = rows([*OTHERS, record("tree", 0, 2.0, nodes=3)])
     assert row.is_harmful  # better than random play, worse than doing nothing
+
+
+def test_the_share_of_learners_leaves_the_rule_out():
+    [row] = rows([*OTHERS, record("rule", 0, 21.0), record("tree", 0, 6.0, nodes=3)])
+    assert (row.best, row.share, row.of_learners) == ("rule", 0.25, 0.5)
 
 
 def test_trees_of_other_defaults_are_kept_apart():
