@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from gymnasium.experimental.functional import FuncEnv
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from packaging.requirements import Requirement
 
 import sympol
 from sympol.envs.adapters import ADAPTERS, load
@@ -20,6 +23,8 @@ from sympol.envs.foreign import Answer, ForeignEnv, Library, flat, space_like
 from sympol.envs.libraries import ADAPTER_OF, is_library_id
 from sympol.envs.on_host import OnHost
 from sympol.envs.spaces import Features
+
+ROOT = Path(__file__).parents[2]
 
 NESTED = Dict(
     {
@@ -144,6 +149,13 @@ def test_what_is_missing_is_named_with_the_extra_that_installs_it(library: str) 
     else:
         with pytest.raises(ValueError, match=f"unknown environment '{library}:Some-v0'"):
             sympol.resolve(f"{library}:Some-v0")
+
+
+def test_box2d_is_installable_beside_gymnax_1_which_refuses_gymnasium_1_4() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    gymnasium_of_box2d = next(one for one in map(Requirement, extras["box2d"]) if one.name == "gymnasium")
+    assert gymnasium_of_box2d.specifier.contains("1.3.0")
+    assert {*ADAPTER_OF} <= {*extras}
 
 
 def test_objects_are_recognised_by_the_module_of_a_class_they_inherit_from() -> None:

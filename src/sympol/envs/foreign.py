@@ -8,6 +8,7 @@ counts the time limit, and hands them keys as plain arrays, which is what they e
 from __future__ import annotations
 
 import abc
+import contextlib
 import dataclasses
 import difflib
 import importlib
@@ -124,7 +125,8 @@ class ForeignEnv(abc.ABC):
         Returns:
             The state, and the first observation ``[features]``, float32.
         """
-        state, observation = self.begin(_plain(key))
+        with _as_libraries_expect():
+            state, observation = self.begin(_plain(key))
         return Counted(state, jnp.int32(0)), flat(self.observed, observation)
 
     @final
@@ -139,7 +141,8 @@ class ForeignEnv(abc.ABC):
         Returns:
             The new state, and the observation, reward and end of the episode.
         """
-        answer, time = self.advance(_plain(key), state.inner, action), state.time + 1
+        with _as_libraries_expect():
+            answer, time = self.advance(_plain(key), state.inner, action), state.time + 1
         truncated = jnp.asarray(answer.truncated).astype(bool).reshape(())
         if self.max_episode_steps is not None:
             truncated |= time >= self.max_episode_steps
@@ -300,6 +303,13 @@ def require_library(extra: str, module: str) -> Any:
             f"environments of {module.partition('.')[0]} need a package that is not installed; install it: "
             f"pip install 'sympol[{extra}]' ({error})"
         ) from error
+
+
+@contextlib.contextmanager
+def _as_libraries_expect() -> Iterator[None]:
+    """Let dtypes and ranks be promoted, which the user may have forbidden for code of their own."""
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
 
 
 def _plain(key: PRNGKeyArray) -> Array:

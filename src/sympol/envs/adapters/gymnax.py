@@ -42,7 +42,19 @@ class Gymnax(Library):
                 f"{type(env).__name__} is a wrapper of gymnax's, whose step resets by itself; give the environment "
                 "inside it"
             )
-        return GymnaxEnv(f"gymnax:{env.name}", env, params)
+        wrapped = GymnaxEnv(f"gymnax:{env.name}", env, params)
+        wrapped.recipe = self._recipe(env, params)
+        return wrapped
+
+    def _recipe(self, env: Any, params: Any) -> dict[str, Any] | None:
+        """Return the arguments that make the same environment again by its name, or None."""
+        if env.name not in self.names():
+            return None
+        made, defaults = self.library().make(env.name)
+        if type(made) is not type(env) or not _are_equal(vars(made), vars(env)):
+            return None
+        now, then = vars(params), vars(defaults)
+        return {field: now[field] for field in now if not _are_equal(now[field], then.get(field))}
 
 
 class GymnaxEnv(ForeignEnv):
@@ -81,6 +93,12 @@ class GymnaxEnv(ForeignEnv):
             return Answer(after, observation, reward, done, self.env.is_truncated(after, self.params))
         terminated = self.env.step_env(key, state, action, self.endless)[3]
         return Answer(after, observation, reward, terminated, done & ~terminated)
+
+
+def _are_equal(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(_are_equal(one[key], other[key]) for key in one)
+    return type(one) is type(other) and np.array_equal(one, other)
 
 
 def _space(space: Any) -> gymnasium.Space:

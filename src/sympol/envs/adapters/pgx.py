@@ -31,7 +31,9 @@ class Pgx(Library):
 
     def wrap(self, env: Any) -> ForeignEnv:
         """See `Library.wrap`."""
-        return PgxEnv(env, None)
+        wrapped = PgxEnv(env, None)
+        wrapped.recipe = {} if env.id in self.names() else None  # a game has no other settings
+        return wrapped
 
 
 class PgxEnv(ForeignEnv):
