@@ -366,7 +366,7 @@ def test_the_shell_around_the_commands(capsys):
     assert status_of("--version") == 0
     assert capsys.readouterr().out == f"sympol {sympol.__version__}\n"
     assert "did you mean train?" in refused(capsys, "tarin")
-    assert "there are train, show, eval, watch, export" in refused(capsys, "cook")
+    assert "there are train, check, show, eval, watch, export" in refused(capsys, "cook")
 
 
 def test_tensorboard(tmp_path, capsys, monkeypatch):

@@ -63,8 +63,8 @@ class Agent(abc.ABC):
 
     Args:
         policy: ``"tree"``, or a baseline: ``"mlp"``, a multilayer perceptron; ``"sdt"``, a soft decision tree.
-        env: An id (``"CartPole-v1"``), a Gymnasium environment, a function that makes one, or an environment
-            written in JAX (`sympol.envs.env`).
+        env: An id (``"CartPole-v1"``), a Gymnasium environment, a class or function that makes one, the name of one in
+            a file or a module (``"tank.py:Tank"``), or an environment written in JAX (`sympol.envs.env`).
         seed: The seed of everything random, from 0 to 2^32 - 1. On one machine equal seeds give equal policies, bit for
             bit.
         preset: ``"default"``, ``"paper"`` or a TOML file: the hyperparameters to start from.
@@ -479,6 +479,8 @@ def _config(spec: EnvSpec, name: str, overrides: dict[str, Any], start: Start | 
     values = preset(spec.preset_id, name, policy=overrides["policy"], algorithm=overrides["algorithm"])
     if not spec.can_be_copied:
         values = {**values, "num_envs": 1}
+    if spec.vector is not None:
+        values = {**values, "num_envs": spec.vector.num_envs}
     if start is not None and overrides["policy"] == "tree":
         values = start.deepened(values)
     config = Config.from_dict({**values, **overrides})

@@ -24,7 +24,8 @@ class Sound(gymnasium.Env[Any, Any]):
 
     observation_space: gymnasium.Space[Any] = Box(-10, 10, (2,), np.float32)
     action_space: gymnasium.Space[Any] = Discrete(2)
-    feature_names = ("place", "noise")
+    feature_names: tuple[str, ...] | None = ("place", "noise")
+    action_names: tuple[str, ...] | None = ("left", "right")
     limit = 10
 
     def reset(
@@ -49,8 +50,13 @@ class Sound(gymnasium.Env[Any, Any]):
         return np.array([self.place, self.np_random.uniform(-1, 1)], np.float32)
 
 
+class Unnamed(Sound):
+    feature_names = action_names = None
+
+
 class Unbounded(Sound):
     action_space = Box(-np.inf, np.inf, (1,), np.float32)
+    action_names = ("stride",)
 
     def move(self, action: Any) -> float:
         return float(action[0])
@@ -140,7 +146,12 @@ def test_nothing_is_found_in_a_sound_environment():
 @pytest.mark.parametrize(
     ("env", "kind", "text"),
     [
-        (Unbounded, "wrong", "actions have no bounds: action"),
+        (Unbounded, "wrong", "actions have no bounds: stride"),
+        (
+            Unnamed,
+            "note",
+            r"a tree will speak of x\[0\] and action 0: give the environment feature_names and action_names",
+        ),
         (
             Outside,
             "wrong",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -22,6 +23,7 @@ from .config import Config
 from .initialization import host_seed
 from .replay import (
     ActionHistory,
+    EpisodesRestarted,
     FrozenHistory,
     RunningEpisodes,
     first_episodes,
@@ -29,7 +31,7 @@ from .replay import (
     replay,
 )
 from .rollouts import Rollouts, validation_limit
-from .state import Normalizer, TrainState
+from .state import Episodes, Normalizer, TrainState
 
 
 class HostRollouts(Rollouts):
@@ -62,6 +64,10 @@ class HostRollouts(Rollouts):
         """The running episodes' actions; None until they have begun, or been replayed."""
         self._running = self._no_episodes
         """The running episodes at the end of the last segment."""
+        self._was_loaded = False
+        """Whether ``_running`` came from elsewhere, such as a checkpoint."""
+        self._transition: Transition | None = None
+        """The last step."""
         self._is_live = False
         """Whether the copies are in the episodes of ``_running``."""
         self._latest: tuple[TrainState, FrozenHistory] | None = None
@@ -90,12 +96,18 @@ class HostRollouts(Rollouts):
 
         @jax.jit
         def scaled(
-            state: TrainState, rollout: Transition, observation: Array, stage: Int[Array, ""]
+            state: TrainState,
+            rollout: Transition,
+            observation: Array,
+            stage: Int[Array, ""],
+            counts: Bool[Array, "chunks steps envs"] | None,
         ) -> tuple[TrainState, Experience]:
             done = rollout.terminated | rollout.truncated
-            episodes = jax.lax.fori_loop(
-                0, 1 << stage, lambda i, episodes: episodes.steps(rollout.reward[i], done[i]), state.episodes
-            )
+
+            def counted(i: Any, episodes: Episodes) -> Episodes:
+                return episodes.steps(rollout.reward[i], done[i], None if counts is None else counts[i])
+
+            episodes = jax.lax.fori_loop(0, 1 << stage, counted, state.episodes)
             normalize = state.normalizer
             rollout = rollout._replace(
                 observation=normalize(rollout.observation),
@@ -150,7 +162,7 @@ class HostRollouts(Rollouts):
         """Let the episodes continue where they are; see `Rollouts.begin_segment`."""
         self._latest, self._seed = None, int(seed)
         if state.env_state is not self._running:
-            self._running, self._is_live = state.env_state, False
+            self._running, self._is_live, self._was_loaded = state.env_state, False, True
         elif self._is_live and (too_long := self._running.length < 0).any():
             state = self._begin_anew(state, too_long)
         return state._replace(env_state=self._no_episodes, episodes=state.episodes.after_report())
@@ -158,7 +170,9 @@ class HostRollouts(Rollouts):
     def end_segment(self, state: TrainState) -> TrainState:
         """See `Rollouts.end_segment`."""
         if self._is_live:
-            self._running = self._frozen().running(self._no_episodes)
+            running = self._frozen().running(self._no_episodes)
+            # what cannot be replayed is not saved: a resume begins new episodes
+            self._running = running if self._open().replays else RunningEpisodes(*self._no_episodes)
         return state._replace(env_state=self._running)
 
     def _frozen(self) -> FrozenHistory:
@@ -187,11 +201,19 @@ class HostRollouts(Rollouts):
             length = np.where(restarted, 0, running.length)
             self._history = ActionHistory(num_envs, self._longest, length, running.actions)
         else:
+            if self._was_loaded and timestep and not envs.replays:
+                warnings.warn(
+                    f"{num_envs} training episodes begin anew: those of a vector environment cannot be replayed, so "
+                    "this training differs from one without an interruption",
+                    EpisodesRestarted,
+                    stacklevel=2,
+                )
             # no copy has played as many episodes as there were steps
             episode, restarted = first_episodes(num_envs, timestep), np.ones(num_envs, bool)
             with _with_step(timestep, "on a new start"):
                 self._observation = envs.reset(seed, episodes=episode)
             self._history = ActionHistory(num_envs, self._longest)
+        self._was_loaded = False
         return self._without_running(state, restarted)
 
     def buffer(self) -> None:
@@ -209,7 +231,7 @@ class HostRollouts(Rollouts):
         envs, timestep = self._open(), int(state.timestep)
         if not self._is_live:
             state, self._is_live = self._enter_episodes(state), True
-        history = self._history
+        history, counts = self._history, None
         assert history is not None
         policy, log_std = self._for_acting(state.networks.actor), state.networks.actor.log_std
         for i in range(config.chunk_steps << int(stage)):
@@ -226,12 +248,18 @@ class HostRollouts(Rollouts):
             history.append(actions, np.asarray(step.terminated | step.truncated))
             arrays: Any = (observation, np.asarray(action), *step[1:], step.observation)
             transition = Transition(*arrays)
+            if envs.skipped is not None:  # a reset is no experience: the row repeats the end of the episode
+                if counts is None:
+                    counts = np.ones((1 << config.max_stage, config.chunk_steps, config.num_envs), bool)
+                counts[chunk, step_of_chunk] = ~envs.skipped
+                transition = _where(envs.skipped, self._transition or transition, transition)
+            self._transition = transition
             if rollout is None:
                 rollout = self._rollout_like(transition)
             for array, row in zip(rollout, transition, strict=True):
                 array[chunk, step_of_chunk] = row  # pyright: ignore[reportIndexIssue]
         history.end_rollout()
-        return self._scaled(state, rollout, self._observation, stage)
+        return self._scaled(state, rollout, self._observation, stage, counts)
 
     def evaluate(
         self, state: TrainState, seed: Any, num_episodes: int | None = None
@@ -280,6 +308,13 @@ class HostRollouts(Rollouts):
         """Return zeros for the longest rollout; pages that are never written take no memory."""
         axes = (1 << self.config.max_stage, self.config.chunk_steps)
         return jax.tree.map(lambda a: np.zeros((*axes, *np.shape(a)), np.asarray(a).dtype), transition)
+
+
+def _where(condition: Bool[np.ndarray, " envs"], if_true: Transition, if_false: Transition) -> Transition:
+    def choose(a: Any, b: Any) -> Any:
+        return np.where(condition.reshape(-1, *(1,) * (np.ndim(a) - 1)), a, b)
+
+    return Transition(*(choose(a, b) for a, b in zip(if_true, if_false, strict=True)))
 
 
 @contextlib.contextmanager

@@ -72,9 +72,17 @@ class Episodes(NamedTuple):
             jnp.zeros(num_envs), jnp.zeros(num_envs, jnp.int32), jnp.float32(0), jnp.int32(0), jnp.int32(0)
         )
 
-    def step(self, reward: Float[Array, " envs"], done: Bool[Array, " envs"]) -> Episodes:
-        """Count one step of every environment."""
-        total, length = self.running_return + reward, self.running_length + 1
+    def step(
+        self,
+        reward: Float[Array, " envs"],
+        done: Bool[Array, " envs"],
+        counts: Bool[Array, " envs"] | None = None,
+    ) -> Episodes:
+        """Count one step of every environment, or of those that count."""
+        if counts is not None:
+            reward, done = jnp.where(counts, reward, 0), done & counts
+        total = self.running_return + reward
+        length = self.running_length + (1 if counts is None else counts.astype(jnp.int32))
         return Episodes(
             jnp.where(done, 0.0, total),
             jnp.where(done, 0, length),
@@ -83,9 +91,14 @@ class Episodes(NamedTuple):
             self.num_ended + jnp.sum(done, dtype=jnp.int32),
         )
 
-    def steps(self, reward: Float[Array, "steps envs"], done: Bool[Array, "steps envs"]) -> Episodes:
+    def steps(
+        self,
+        reward: Float[Array, "steps envs"],
+        done: Bool[Array, "steps envs"],
+        counts: Bool[Array, "steps envs"] | None = None,
+    ) -> Episodes:
         """Count several steps, one after the other."""
-        return jax.lax.scan(lambda e, step: (e.step(*step), None), self, (reward, done))[0]
+        return jax.lax.scan(lambda e, step: (e.step(*step), None), self, (reward, done, counts))[0]
 
     def after_report(self) -> Episodes:
         """Return the statistics with their sums back at zero."""

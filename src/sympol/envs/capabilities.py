@@ -107,6 +107,16 @@ class VectorEnvs(Protocol):
         ...
 
     @property
+    def replays(self) -> bool:
+        """True where every episode follows from its number and its actions."""
+        ...
+
+    @property
+    def skipped(self) -> Bool[ndarray, " envs"] | None:
+        """The copies for which the last `step` was no step but a reset, if there are any."""
+        ...
+
+    @property
     def was_cut(self) -> bool:
         """True where `step` has truncated an episode at its ``max_steps`` since `reset`."""
         ...

@@ -117,7 +117,11 @@ class CopyGroup:
         self._who = [f"environment {first + row}" for row in range(len(buffers.reward))]
         self._seed, self._num_episodes = 0, None
         self._steps = [0] * len(self._who)
-        self._write = row_writer(features.space)
+        self._write_last = [row_writer(features.space, row) for row in buffers.last]
+        self._write_following = [row_writer(features.space, row) for row in buffers.following]
+        certain = {group.features for group in Features.of(features.space).groups}
+        self._groups = [group for group in features.groups if group.features not in certain]
+        """The groups that observations may break; those of a ``Discrete`` are one-hot as they are written."""
         self._last, self._following = list(buffers.last), list(buffers.following)
         self.envs: list[gymnasium.Env] = []
         try:
@@ -152,7 +156,7 @@ class CopyGroup:
         Args:
             max_steps: The number of steps after which an episode that does not end by itself is truncated.
         """
-        buffers, write = self._buffers, self._write
+        buffers, writers = self._buffers, self._write_last
         actions, wanted = (
             buffers.actions.copy(),
             buffers.wanted,
@@ -165,7 +169,7 @@ class CopyGroup:
         for row in rows:
             action = actions[row]
             observation, reward, terminated, truncated = advance(self.envs[row], action, self._who[row])
-            if not write(observation, self._last[row]):
+            if not writers[row](observation):
                 self._last[row][:] = self._flatten(row, observation, f"step({action!r})")
             self._steps[row] = steps = self._steps[row] + 1
             if max_steps is not None and steps >= max_steps and not (terminated or truncated):
@@ -178,7 +182,7 @@ class CopyGroup:
             buffers.following[:] = buffers.last
         else:
             buffers.following[rows] = buffers.last[rows]
-        if self._features.groups:
+        if self._groups:
             self._require_one_hot(actions)
         for row in ended:
             buffers.episode[row] += self._num_envs
@@ -194,11 +198,11 @@ class CopyGroup:
             return
         self._steps[row] = 0
         observation = begin(self.envs[row], self._who[row], seed=nth_episode_seed(self._seed, episode))
-        if not self._write(observation, self._following[row]):
+        if not self._write_following[row](observation):
             self._following[row][:] = self._flatten(row, observation, "reset()")
-        elif self._features.groups:
+        elif self._groups:
             try:
-                require_one_hot(self._features.groups, self._following[row][None])
+                require_one_hot(self._groups, self._following[row][None])
             except ValueError as error:
                 raise failure(self.envs[row], self._who[row], "reset()", error) from error
 
@@ -212,7 +216,7 @@ class CopyGroup:
         return flat
 
     def _require_one_hot(self, actions: Shaped[ndarray, "envs ..."]) -> None:
-        groups, last = self._features.groups, self._buffers.last
+        groups, last = self._groups, self._buffers.last
         wanted = self._buffers.wanted
         try:
             require_one_hot(groups, last[wanted])

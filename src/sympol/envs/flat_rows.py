@@ -17,36 +17,37 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 from jaxtyping import Float64
 from numpy import ndarray
 
-RowWriter: TypeAlias = Callable[[Any, Float64[ndarray, " features"]], bool]
-"""A function that writes an observation into a row and returns True, or False where the observation is unusual."""
+RowWriter: TypeAlias = Callable[[Any], bool]
+"""A function that writes an observation into its row and returns True, or False where the observation is unusual."""
 
 _EXACT = frozenset("efdbBhHiI?")
 """The types of arrays, as in ``dtype.char``, whose numbers float64 holds exactly."""
 _INTEGERS = frozenset({int, np.int64, np.int32, np.int16, np.int8, np.uint8, np.uint16, np.uint32})
 
 
-def row_writer(space: Space) -> RowWriter:
-    """Return the function that writes the observations of a space.
+def row_writer(space: Space, row: Float64[ndarray, " features"]) -> RowWriter:
+    """Return the function that writes the observations of a space into a row.
 
     Args:
         space: The observation space.
+        row: The row, which has the features of the space, in the order of `Features`.
 
     Returns:
-        The function; the row that it is given has the features of the space, in the order of `Features`.
+        The function.
     """
     match space:
         case Box() | MultiBinary():
-            return _array_writer(space.shape or (), isinstance(space, Box))
+            return _array_writer(space.shape or (), row, isinstance(space, Box))
         case Discrete():
-            return _category_writer(int(space.start), int(space.n))
+            return _category_writer(int(space.start), int(space.n), row)
         case MultiDiscrete():
-            return _categories_writer(space)
+            return _categories_writer(space, row)
         case Dict():
             keys, parts = tuple(space.spaces), tuple(space.spaces.values())
-            return _parts_writer((dict, type(space.spaces)), keys, parts)
+            return _parts_writer(dict, keys, parts, row)
         case Tuple():
-            return _parts_writer((tuple,), tuple(range(len(space.spaces))), tuple(space.spaces))
-    return lambda observation, row: False
+            return _parts_writer(tuple, tuple(range(len(space.spaces))), tuple(space.spaces), row)
+    return lambda observation: False
 
 
 def num_features(space: Space) -> int:
@@ -70,39 +71,39 @@ def num_features(space: Space) -> int:
     return math.prod(space.shape or ())
 
 
-def _array_writer(shape: tuple[int, ...], real: bool) -> RowWriter:
+def _array_writer(shape: tuple[int, ...], row: ndarray, real: bool) -> RowWriter:
     chars = _EXACT if real else _EXACT - set("efd")
-    flat = len(shape) == 1
+    shaped = row.reshape(shape)  # the same memory
 
-    def write(observation: Any, row: ndarray) -> bool:
+    def write(observation: Any) -> bool:
         if (
             type(observation) is not ndarray
             or observation.shape != shape
             or observation.dtype.char not in chars
         ):
             return False
-        row[:] = observation if flat else observation.reshape(-1)
+        shaped[...] = observation
         return True
 
     return write
 
 
-def _category_writer(start: int, n: int) -> RowWriter:
-    def write(observation: Any, row: ndarray) -> bool:
-        if type(observation) not in _INTEGERS or not 0 <= observation - start < n:
+def _category_writer(start: int, n: int, row: ndarray) -> RowWriter:
+    def write(observation: Any) -> bool:
+        if type(observation) not in _INTEGERS or not 0 <= (category := int(observation) - start) < n:
             return False
         row.fill(0)
-        row[observation - start] = 1
+        row[category] = 1
         return True
 
     return write
 
 
-def _categories_writer(space: MultiDiscrete) -> RowWriter:
+def _categories_writer(space: MultiDiscrete, row: ndarray) -> RowWriter:
     shape, start, nvec = space.nvec.shape, space.start.ravel(), space.nvec.ravel()
     offsets = np.cumsum([0, *nvec[:-1]]) - start
 
-    def write(observation: Any, row: ndarray) -> bool:
+    def write(observation: Any) -> bool:
         if (
             type(observation) is not ndarray
             or observation.shape != shape
@@ -119,17 +120,20 @@ def _categories_writer(space: MultiDiscrete) -> RowWriter:
     return write
 
 
-def _parts_writer(kinds: tuple[type, ...], keys: tuple[Any, ...], spaces: tuple[Space, ...]) -> RowWriter:
+def _parts_writer(kind: type, keys: tuple[Any, ...], spaces: tuple[Space, ...], row: ndarray) -> RowWriter:
     ends = np.cumsum([num_features(space) for space in spaces]).tolist()
-    slices = [slice(begin, end) for begin, end in zip([0, *ends[:-1]], ends, strict=True)]
-    parts = [(key, row_writer(space), part) for key, space, part in zip(keys, spaces, slices, strict=True)]
+    places = zip(keys, spaces, [0, *ends[:-1]], ends, strict=True)
+    parts = [(key, row_writer(space, row[begin:end])) for key, space, begin, end in places]
 
-    def write(observation: Any, row: ndarray) -> bool:
-        if type(observation) not in kinds or len(observation) != len(parts):
+    def write(observation: Any) -> bool:
+        if not isinstance(observation, kind) or len(observation) != len(parts):
             return False
         try:
-            return all([write_part(observation[key], row[part]) for key, write_part, part in parts])
+            for key, write_part in parts:
+                if not write_part(observation[key]):
+                    return False
         except KeyError:
             return False
+        return True
 
     return write

@@ -34,6 +34,9 @@ class HostEnvs:
         ValueError: The function returns the same object each time.
     """
 
+    replays = True
+    skipped = None
+
     def __init__(
         self,
         make: Callable[[], gymnasium.Env],
@@ -118,13 +121,17 @@ class HostEnvs:
         buffers.actions[:] = native_actions(self._action_space, actions)
         buffers.wanted[:] = True if wanted is None else wanted
         self._group.step(max_steps)
-        last_observation, next_observation = flushed(buffers.last), flushed(buffers.following)
+        last_observation = flushed(buffers.last)
+        terminated, truncated = buffers.terminated.copy(), buffers.truncated.copy()
+        continues = wanted is None and not (terminated.any() or truncated.any())
+        next_observation = last_observation.copy() if continues else flushed(buffers.following)
         with np.errstate(over="ignore"):
             reward = buffers.reward.astype(np.float32)
         require_held("an observation", last_observation, self._names)
-        require_held("a first observation of an episode", next_observation, self._names)
+        if not continues:
+            require_held("a first observation of an episode", next_observation, self._names)
         require_finite("a reward", reward)
-        step: Any = last_observation, reward, buffers.terminated.copy(), buffers.truncated.copy()
+        step: Any = last_observation, reward, terminated, truncated
         return Step(*step), next_observation  # NumPy's arrays, not JAX's
 
     def shares_with(self, other: VectorEnvs) -> bool:

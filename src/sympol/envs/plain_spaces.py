@@ -51,10 +51,11 @@ class Observations:
     """
 
     def __init__(self, readings: Sequence[Reading]) -> None:
-        self._readings = tuple(readings)
+        self._parts: list[tuple[str, int, Mapping[Any, int] | None]] = []
         names, groups, integers, low, high = [], [], [], [], []
         for reading in readings:
             first = len(names)
+            self._parts.append((reading.name, first, reading.options))
             if reading.options is None:
                 names.append(reading.name)
                 integers += [first] if reading.integer else []
@@ -66,6 +67,7 @@ class Observations:
             high += [reading.high] * reading.size
         self.names, self.groups, self.integers = tuple(names), tuple(groups), tuple(integers)
         self.space = _box(low, high)
+        self._blank = [0.0] * len(names)
 
     def read(self, state: Any, where: str) -> Float32[np.ndarray, " features"]:
         """Read the features off a state.
@@ -81,24 +83,22 @@ class Observations:
             TypeError: A reading is missing or no number.
             ValueError: A reading is none of its options.
         """
-        row = np.zeros(self.space.shape, np.float32)
-        is_mapping, at = isinstance(state, Mapping), 0
-        for reading in self._readings:
+        row, is_mapping = self._blank.copy(), isinstance(state, Mapping)
+        for name, at, options in self._parts:
             try:
-                value = state[reading.name] if is_mapping else getattr(state, reading.name)
+                value = state[name] if is_mapping else getattr(state, name)
             except (KeyError, AttributeError):
                 raise TypeError(
-                    f"{where} must have {reading.name!r}, which is observed, got {describe(state)}"
+                    f"{where} must have {name!r}, which is observed, got {describe(state)}"
                 ) from None
-            if reading.options is None:
-                try:
-                    row[at] = value
-                except (TypeError, ValueError):
-                    raise TypeError(f"{reading.name} must be a number, got {describe(value)}") from None
-            else:
-                row[at + _position(reading.name, reading.options, value)] = 1
-            at += reading.size
-        return row
+            if options is not None:
+                row[at + _position(name, options, value)] = 1.0
+                continue
+            try:
+                row[at] = float(value)
+            except (TypeError, ValueError):
+                raise TypeError(f"{name} must be a number, got {describe(value)}") from None
+        return np.array(row, np.float32)
 
 
 class Actions:
@@ -132,6 +132,8 @@ class Actions:
         Returns:
             The option or the number, or a dictionary of these by name.
         """
+        if self._alone and self._options:
+            return self._options[0][int(action)]
         flat: NDArray[Any] = np.ravel(action)
         chosen = (
             [options[int(i)] for options, i in zip(self._options, flat, strict=True)]

@@ -71,7 +71,7 @@ def problems(inspection: Inspection) -> list[Problem]:
     """
     found = [*_of_rewards(inspection), *_of_episodes(inspection), *_of_features(inspection)]
     found += [*_of_actions(inspection.spec), *_of_reproduction(inspection), *_of_speed(inspection)]
-    found += _checked_by_gymnasium(inspection.spec)
+    found += [*_of_names(inspection.spec), *_checked_by_gymnasium(inspection.spec)]
     return sorted(dict.fromkeys(found), key=lambda problem: problem.kind != "wrong")
 
 
@@ -186,6 +186,24 @@ def _of_features(seen: Inspection) -> Iterator[Problem]:
 def _is_rare(seen: Inspection, feature: int) -> bool:
     """Return whether a feature is a category, many of which random play need not meet."""
     return any(feature in group.features for group in seen.spec.features.groups)
+
+
+def _of_names(spec: EnvSpec) -> Iterator[Problem]:
+    given = {
+        "feature_names": (spec.features.names, re.compile(r"x(\[[\d, ]+\])?")),
+        "action_names": (spec.actions.names, re.compile(r"action( \d+|\[\d+\])?")),
+    }
+    missing = {
+        attribute: names[0]
+        for attribute, (names, default) in given.items()
+        if all(map(default.fullmatch, names))
+    }
+    if missing:
+        yield Problem(
+            "note",
+            f"a tree will speak of {' and '.join(missing.values())}: give the environment {' and '.join(missing)}, a "
+            "sequence of texts each, for rules that say what they mean",
+        )
 
 
 def _of_actions(spec: EnvSpec) -> Iterator[Problem]:

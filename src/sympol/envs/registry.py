@@ -139,6 +139,7 @@ def resolve(
         all_observations=getattr(jax_env, "all_observations", not_listed),
         find_origin=source.find_origin,
         find_copies=source.find_copies,
+        vector=source.vector,
     )
     warn_of_environment(source.example, name, len(spec.features.names))
     return spec

@@ -7,6 +7,7 @@ from functools import cache, partial
 from typing import Any, NamedTuple, TypeAlias
 
 import gymnasium
+from gymnasium.vector import VectorEnv
 
 from .adapters import adopt
 from .env import Env
@@ -17,7 +18,8 @@ from .origin import Origin
 from .recorded import Recorded
 from .remake import copier, describe
 from .spaces import require_spaces
-from .spec import HostFactory, no_copies
+from .spec import HostFactory, VectorSource, no_copies
+from .vector_envs import FirstCopy, single_maker
 
 Remake: TypeAlias = Callable[[str, Mapping[str, Any]], gymnasium.Env]
 """A function that makes an environment by its id and arguments, as loading a run does."""
@@ -31,6 +33,7 @@ class Source(NamedTuple):
     has_one_copy: bool = False
     find_origin: Callable[[], Origin] = Origin
     find_copies: Callable[[], HostFactory | None] = no_copies
+    vector: VectorSource | None = None
 
     @property
     def name(self) -> str:
@@ -38,6 +41,8 @@ class Source(NamedTuple):
         env = self.example
         if isinstance(env, ForeignEnv):
             return env.name
+        if self.vector is not None:
+            return self.vector.name
         if not isinstance(env, gymnasium.Env):
             return type(env).__name__
         return env.spec.id if env.spec is not None else type(env.unwrapped).__name__
@@ -85,11 +90,13 @@ def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
         raise ValueError(f"env_kwargs {kwargs} do not fit this environment: {error}") from error
     if not _has_protocol(example) and (adopted := adopt(example)) is not None:
         example = adopted
+    if isinstance(example, VectorEnv):
+        return _vector(env if makes else None, kwargs, example)
     if isinstance(example, gymnasium.Env) or (hasattr(example, "reset") and hasattr(example, "step")):
         require_spaces(example)
     if isinstance(example, gymnasium.Env):
         return _made(env, kwargs, example, remake) if makes else _object(example, remake)
-    if isinstance(example, Env) and not isinstance(example, gymnasium.vector.VectorEnv):
+    if isinstance(example, Env):
         space = example.observation_space
         if not isinstance(space, gymnasium.spaces.Box) or len(space.shape) != 1:
             raise ValueError(f"an environment in JAX must observe a Box of shape (features,), got {space}")
@@ -101,6 +108,27 @@ def open_source(env: Any, kwargs: dict[str, Any], remake: Remake) -> Source:
         "env must be an id, a gymnasium.Env, an environment in JAX (see sympol.envs.env), or a function that "
         f"makes one, got {env!r}" + (f", which made {example!r}" if makes else "")
     )
+
+
+def _vector(function: Any, kwargs: dict[str, Any], example: VectorEnv) -> Source:
+    """Describe a vector environment that is the user's own object, or that a function made."""
+    single = single_maker(example)
+    name = example.spec.id if example.spec is not None else type(example.unwrapped).__name__
+    if function is None:
+        vector = VectorSource(
+            name, lambda: example, example.num_envs, is_object=True, has_single=single is not None
+        )
+    else:
+        make = partial(function, **kwargs) if kwargs else function
+        vector = VectorSource(name, make, example.num_envs, is_object=False, has_single=single is not None)
+    looked_at = FirstCopy(example)
+    if single is None:
+        single = (lambda: looked_at) if function is None else (lambda: FirstCopy(vector.make()))
+    if function is not None:
+        example.close()
+    origin = partial(Origin, not_kept=f"a vector environment of class {type(example.unwrapped).__qualname__}")
+    one = function is None and not vector.has_single
+    return Source(looked_at, single, has_one_copy=one, find_origin=origin, vector=vector)
 
 
 def _has_protocol(env: Any) -> bool:

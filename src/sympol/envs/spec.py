@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import VectorEnv
 from jaxtyping import Float32
 
 from ..trees.actions import ActionSpec
@@ -20,6 +21,7 @@ from .env_workers import WorkerPool
 from .host_envs import HostEnvs, OwnedHostEnvs
 from .origin import Origin, Wrapping
 from .spaces import Features
+from .vector_envs import GymnasiumVectorEnvs
 
 HostFactory: TypeAlias = Callable[..., gymnasium.Env]
 Backend: TypeAlias = Literal["auto", "jax", "native", "host"]
@@ -35,6 +37,25 @@ def not_listed() -> None:
 
 def no_copies() -> None:
     """Return None, for an object that cannot be copied."""
+
+
+@dataclass(frozen=True)
+class VectorSource:
+    """A vector environment of Gymnasium's that is trained on in place of copies.
+
+    Attributes:
+        name: Its id, or the name of its class.
+        make: A function that makes it, or returns the user's own object.
+        num_envs: The number of its copies.
+        is_object: Whether it is the user's own object.
+        has_single: Whether single environments like those in it can be made, to validate and evaluate on.
+    """
+
+    name: str
+    make: Callable[[], VectorEnv]
+    num_envs: int
+    is_object: bool
+    has_single: bool
 
 
 @dataclass(frozen=True)
@@ -60,6 +81,7 @@ class EnvSpec:
         all_observations: A function that lists all possible observations ``[batch, features]``, or returns None.
         find_origin: A function that returns how the environment was made.
         find_copies: A function that returns one that makes copies proven to be the same, or None.
+        vector: The vector environment that is trained on in place of copies, or None.
         env_workers: The number of processes that step the copies of Gymnasium's form; 0 is this process.
     """
 
@@ -79,6 +101,7 @@ class EnvSpec:
     all_observations: Callable[[], Float32[np.ndarray, "batch features"] | None] = not_listed
     find_origin: Callable[[], Origin] = Origin
     find_copies: Callable[[], HostFactory | None] = no_copies
+    vector: VectorSource | None = None
     env_workers: int = 0
 
     @property
@@ -109,7 +132,7 @@ class EnvSpec:
     @property
     def can_be_copied(self) -> bool:
         """True where more than one copy can be stepped together."""
-        return not self.has_one_copy or self.find_copies() is not None
+        return self.vector is not None or not self.has_one_copy or self.find_copies() is not None
 
     @property
     def backend(self) -> Backend:
@@ -156,6 +179,10 @@ class EnvSpec:
             raise ValueError(
                 f"env_workers must be a whole number from 0 to {MOST_WORKERS}, got {env_workers!r}"
             )
+        if number and self.vector is not None:
+            raise ValueError(
+                f"env_workers must be 0 for {self.name}, a vector environment, got {number}; it steps its copies itself"
+            )
         if number and self.backend != "host":
             where = "inside the compiled program" if self.backend == "jax" else "in machine code"
             raise ValueError(
@@ -178,6 +205,13 @@ class EnvSpec:
         """
         if self.native is not None:
             return self.native.make_envs(num_envs)
+        if self.vector is not None:
+            if num_envs != self.vector.num_envs:
+                raise ValueError(
+                    f"num_envs must be {self.vector.num_envs}, the number of copies of the vector environment "
+                    f"{self.name}, got {num_envs}"
+                )
+            return self._vector_envs(self.vector)
         if self.env_workers:
             return self._copies_in_workers(num_envs)
         if not self.has_one_copy:
@@ -207,6 +241,8 @@ class EnvSpec:
         """
         if self.native is not None:
             return self.native.make_envs(num_envs)
+        if self.vector is not None and not self.vector.has_single:
+            return None if self.vector.is_object else self._vector_envs(self.vector)
         make = self.find_copies() if self.has_one_copy else self.make_host
         if make is None:
             return None
@@ -217,6 +253,11 @@ class EnvSpec:
                 continue
             return None if envs.shares_with(beside) else envs
         return None
+
+    def _vector_envs(self, source: VectorSource) -> GymnasiumVectorEnvs:
+        vector = source.make()
+        close = (lambda: None) if source.is_object else vector.close
+        return GymnasiumVectorEnvs(vector, self.features, close)
 
     def _copies(
         self, make: Callable[[], gymnasium.Env], num_envs: int, workers: WorkerPool | None = None

@@ -40,7 +40,7 @@ from .clearing import FORMS, START, clear, folder_flag, require_free, written_by
 from .lock import FolderLock, Held
 from .metadata import CONFIG, RunError, WriteError, describe, read, short, to_toml
 from .metrics import MetricsFile
-from .trust import trusted_id
+from .trust import needs_trust, trusted_id
 
 if TYPE_CHECKING:
     from ..algorithms.state import TrainState
@@ -217,8 +217,7 @@ class Run:
     @property
     def as_argument(self) -> str:
         """Return the folder as an argument of commands, with --trust if its environment needs code of the user's."""
-        env = self.metadata["env"]
-        return shlex.quote(str(self.path)) + (" --trust" if ":" in env and not is_library_id(env) else "")
+        return shlex.quote(str(self.path)) + (" --trust" if needs_trust(self.metadata["env"]) else "")
 
     @property
     def has_tree(self) -> bool:

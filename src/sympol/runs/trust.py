@@ -60,6 +60,18 @@ def trusted_id(env: str, path: Path, *, trust: bool = False, file: str = "") -> 
     return exact
 
 
+def needs_trust(env: str) -> bool:
+    """Return whether an environment is made by code of a user's, which a folder's word alone does not have imported.
+
+    Args:
+        env: The id, as a folder keeps it.
+
+    Returns:
+        True for ``module:name`` and ``file.py:name``.
+    """
+    return ":" in env and not is_library_id(env)
+
+
 def _is_loaded(module: str, env_id: str) -> bool:
     """Return whether code is imported already and has an environment of its own by this name."""
     loaded = loaded_from(Path(module)) if is_file(module) else sys.modules.get(module)

@@ -91,6 +91,9 @@ ENGINE = LunarLanderEngine()
 class NativeEnvs:
     """``num_envs`` landers, each restarted when its episode ends; see `sympol.envs.capabilities.VectorEnvs`."""
 
+    replays = True
+    skipped = None
+
     def __init__(self, num_envs: int):
         self._num_envs, self._copies = num_envs, None
         self._seed, self._next_seeds = 0, np.zeros(num_envs, np.uint64)

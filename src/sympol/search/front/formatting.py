@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 from ...results.formatting import count, in_markdown, number, pipe_table
 from ...runs.formatting import decimals
+from ...runs.trust import needs_trust
 from ..budget import Cost
 from .config import SearchConfig, steps_of
 from .files import point_folder
@@ -155,10 +156,11 @@ def next_steps(front: Front, folder: str | os.PathLike[str], program: str = "sym
         Commands with what each shows.
     """
     run = shlex.quote(str(point_folder(folder, front.points[-1])))
+    played = f"{run} --trust" if needs_trust(front.environment) else run
     return [
         Step(f"{program} show {run}", "its rules"),
-        Step(f"{program} report {run}", "a page: the tree at work"),
-        Step(f"{program} eval {run} --episodes 100 --seed 7", "more test episodes"),
+        Step(f"{program} report {played}", "a page: the tree at work"),
+        Step(f"{program} eval {played} --episodes 100 --seed 7", "more test episodes"),
         Step(f"{program} export {run} --to c", "the policy as a program"),
     ]
 
