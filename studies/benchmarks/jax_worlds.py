@@ -46,10 +46,9 @@ def main() -> None:
                 measured = {"failed": str(error)[-300:]}
             results.setdefault(env_id, {})[library] = measured
             for who, one in measured.items():
-                row = (one[k] for k in ("steps_per_second", "compile_seconds", "return_mean"))
-                table.add_row(env_id, library, who, *(f"{v:,.4g}" for v in row)) if isinstance(
-                    one, dict
-                ) else None
+                if isinstance(one, dict):
+                    row = [one[k] for k in ("steps_per_second", "compile_seconds", "return_mean")]
+                    table.add_row(env_id, library, who, *(f"{v:,.4g}" for v in row))
             write("jax_worlds", {"settings": {"steps": given.steps}, "tasks": results})
     Console().print(table)
 
