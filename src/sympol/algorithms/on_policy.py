@@ -1,4 +1,4 @@
-"""The parts that on-policy algorithms share: samples with advantages, the scale of returns, the schedules of coefficients."""
+"""The parts that on-policy algorithms share: samples with advantages, scales of returns, schedules of coefficients."""
 
 from __future__ import annotations
 
