@@ -179,10 +179,11 @@ def test_a_closed_node_learns_nothing():
 
 
 def test_training_grows_a_tree_within_its_limit_and_the_tree_read_out_is_the_policy():
-    config = {**TINY, "grow_splits": True, "max_nodes": 7, "depth": 4, "num_steps": 128}
-    agent = sympol.PPO("tree", "CartPole-v1", **config).learn(progress_bar=False)
+    config = {**TINY, "grow_splits": True, "depth": 4, "num_steps": 512, "total_timesteps": 16_384}
+    free = sympol.PPO("tree", "CartPole-v1", **config).learn(progress_bar=False)
+    agent = sympol.PPO("tree", "CartPole-v1", max_nodes=5, **config).learn(progress_bar=False)
     tree = agent.tree(prune=False)
-    assert 1 < tree.n_nodes <= 7
+    assert 1 < tree.n_nodes <= 5 < free.tree(prune=False).n_nodes
     x = np.random.default_rng(0).normal(size=(500, tree.n_features)).astype(np.float32)
     actor, normalizer = agent.state.validation.best_actor, agent.state.normalizer
     outputs = outputs_of(actor, np.asarray(normalizer(jnp.asarray(x))))

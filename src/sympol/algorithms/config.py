@@ -258,7 +258,8 @@ class Config:
         Returns:
             The key of a program: configs with equal keys share one.
         """
-        others = (*Hyperparameters._fields, *SIZE_LIMITS)
+        limits = () if self.grow_splits else SIZE_LIMITS
+        others = (*Hyperparameters._fields, *limits)
         return dataclasses.replace(self, **{name: getattr(type(self), name) for name in others})
 
     @classmethod
@@ -302,7 +303,7 @@ Hyperparameters = namedtuple("Hyperparameters", [name for name, rule in KNOBS.it
 """The traced fields: float32 scalars, or arrays of them under `jax.vmap`."""
 
 SIZE_LIMITS = ("max_nodes", "node_price")
-"""The fields that limit the size of a tree; `sympol.search.size_limit` enforces them."""
+"""The fields that limit the size of a tree; `sympol.search.size_limit` enforces them, or growth does."""
 
 
 def applies(name: str, algorithm: str, policy: str) -> bool:

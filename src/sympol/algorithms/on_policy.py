@@ -108,7 +108,7 @@ def make_batch(
         One row for each sample of the buffer, where rows beyond the valid chunks mean nothing; and the state to learn
         from them, whose critic has the scale of the value targets.
     """
-    networks, returns = state.networks, state.memory
+    networks, returns = state.networks, state.memory if config.normalize_returns else None
     rollout, next_x, num_chunks = experience.rollout, experience.next_x, experience.num_chunks
     max_chunks, chunk_steps, num_envs = rollout.reward.shape
     policy, log_std = networks.actor.rollout(), networks.actor.log_std
