@@ -57,7 +57,7 @@ def recipe(given: Mapping[str, Any], *, from_tree: bool = False) -> dict[str, An
         "lr_end_factor": 0.1,
         "max_grad_norm": 0.5,
         "ent_coef": 0.03,
-        "ent_end_factor": 0.0,
+        "ent_end_factor": -1.0,
         "learning_rate_leaf_values": 0.003,
     }
     if from_tree or given.get("node_price"):  # splits that are there already
