@@ -27,6 +27,7 @@ class Flags:
     }
     valid: ClassVar[dict[str, tuple[str, ...]]] = {
         "train": ("CartPole-v1", "--run-dir", "new"),
+        "check": ("CartPole-v1",),
         "resume": ("run",),
         "show": ("run",),
         "eval": ("run", "--episodes", "1"),

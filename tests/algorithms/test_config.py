@@ -37,7 +37,7 @@ def whose(name: str) -> dict[str, str]:
 @pytest.mark.parametrize("policy", ["tree", "mlp", "sdt"])
 def test_a_field_of_others_is_refused_and_not_written(name, algorithm, policy):
     new = {"surrogate": "softsign", "dynamic_batch": False, "actor_hidden": (3,), "temperature": 0.5}
-    new |= {"threshold_init": "visited"}
+    new |= {"threshold_init": "visited", "grow_splits": True}
     default = FIELDS[name]
     value = new.get(name, default + 1 if isinstance(default, int) else 0.125)
     config = {"algorithm": algorithm, "policy": policy, name: value}

@@ -21,7 +21,7 @@ SETTINGS = Settings(total_timesteps=TINY["total_timesteps"], episodes=3)
 METHODS_RUN = ("tree", "mlp", "sa-dt-5", "viper-5")
 
 
-def tiny_preset(env: str, name: str, *, policy: str, algorithm: str) -> dict[str, Any]:
+def tiny_preset(env: str, name: str, *, policy: str, algorithm: str, **_: Any) -> dict[str, Any]:
     """In place of all presets."""
     shared = {key: value for key, value in TINY.items() if key not in ("depth", "total_timesteps")}
     return {**shared, **({"actor_hidden": (8,)} if policy == "mlp" else {"depth": 3})}

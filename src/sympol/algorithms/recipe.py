@@ -36,7 +36,7 @@ def recipe(given: Mapping[str, Any], *, from_tree: bool = False) -> dict[str, An
         Fields of a `Config` by name.
     """
     total_timesteps = whole(given.get("total_timesteps")) or Config.total_timesteps
-    first = min(max(_power_of_two(total_timesteps / ROLLOUTS), SMALLEST), LARGEST)
+    first = min(max(_power_of_two(total_timesteps / ROLLOUTS), SMALLEST), LARGEST, total_timesteps)
     num_envs = whole(given.get("num_envs")) or Config.num_envs
     num_envs = min(num_envs, 16) if first <= 1024 and num_envs == Config.num_envs else num_envs
     literal = given.get("num_eval_episodes", Config.num_eval_episodes) != Config.num_eval_episodes

@@ -81,7 +81,7 @@ def rejax(env_id: str, steps: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m studies.benchmarks.rivals.world", description=__doc__)
     parser.add_argument("env_id")
     parser.add_argument("steps", type=int)
     given = parser.parse_args()

@@ -29,7 +29,7 @@ def test_a_budget_is_a_time_or_steps(budget, seconds, steps):
     assert (plan.seconds, plan.steps) == (seconds, steps)
 
 
-@pytest.mark.parametrize("budget", ["5", "5 minutes", "0s", "-3m", "many steps", "1e6 steps", "nan s"])
+@pytest.mark.parametrize("budget", ["5", "5 minutes", "0s", "-3m", "many steps", "nan s"])
 def test_what_is_no_budget_is_refused_with_examples(budget):
     with pytest.raises(ValueError, match="90s, 5m or 1h, or environment steps"):
         SearchConfig("CartPole-v1", budget=budget)
