@@ -7,13 +7,12 @@ once into a function that checks so much and copies.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium import Space
-from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple, flatdim
 from jaxtyping import Float64
 from numpy import ndarray
 
@@ -48,27 +47,6 @@ def row_writer(space: Space, row: Float64[ndarray, " features"]) -> RowWriter:
         case Tuple():
             return _parts_writer(tuple, tuple(range(len(space.spaces))), tuple(space.spaces), row)
     return lambda observation: False
-
-
-def num_features(space: Space) -> int:
-    """Return the number of features that a supported space becomes.
-
-    Args:
-        space: The space.
-
-    Returns:
-        The number.
-    """
-    match space:
-        case Discrete():
-            return int(space.n)
-        case MultiDiscrete():
-            return int(space.nvec.sum())
-        case Dict():
-            return sum(map(num_features, space.spaces.values()))
-        case Tuple():
-            return sum(map(num_features, space.spaces))
-    return math.prod(space.shape or ())
 
 
 def _array_writer(shape: tuple[int, ...], row: ndarray, real: bool) -> RowWriter:
@@ -121,7 +99,7 @@ def _categories_writer(space: MultiDiscrete, row: ndarray) -> RowWriter:
 
 
 def _parts_writer(kind: type, keys: tuple[Any, ...], spaces: tuple[Space, ...], row: ndarray) -> RowWriter:
-    ends = np.cumsum([num_features(space) for space in spaces]).tolist()
+    ends = np.cumsum([flatdim(space) for space in spaces]).tolist()
     places = zip(keys, spaces, [0, *ends[:-1]], ends, strict=True)
     parts = [(key, row_writer(space, row[begin:end])) for key, space, begin, end in places]
 
