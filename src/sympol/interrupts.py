@@ -113,7 +113,8 @@ class Interrupts:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self._answer(self._sent() if self._pipe is not None else bytes([number]))
-        self.check()
+        if self._pipe is None or not _imports(frame):  # `_end` will end it
+            self.check()
 
     def _answer(self, numbers: bytes) -> None:
         for number in numbers:
@@ -175,6 +176,15 @@ class Interrupts:
             signal.set_wakeup_fd(-1)
             sys.unraisablehook = sys.__unraisablehook__
             self._pipe = None
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Return whether a module is being imported: the machine code of some aborts if Python code that it calls raises."""
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def say(line: str) -> None:
