@@ -47,6 +47,7 @@ BELOW: dict[str, set[str]] = {
 TOP = [
     "search",
     "trained_policy",
+    "guided",
     "agents",
     "teachers",
     "training",

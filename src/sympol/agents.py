@@ -20,14 +20,16 @@ from .algorithms.normalization import warn_of_bounds
 from .algorithms.presets import DEFAULT, preset
 from .algorithms.registry import algorithm_class
 from .algorithms.state import TrainState
-from .algorithms.trainer import Trainer, make_loop, make_trainer, stops
+from .algorithms.trainer import Trainer, stops
 from .algorithms.warm_start import Start, start_of
 from .compilation import use_disk_cache
 from .envs.diagnostics import warn_of_cut
 from .envs.registry import resolve
 from .envs.spec import Backend, EnvSpec, warn_of_one_copy
+from .guided import GuidedTrainer, saved_template, trainer_of
 from .play import draw, fitted_actions
 from .policies.actor import Actor
+from .policies.tree import Tree
 from .runs.progress import ProgressBar
 from .runs.run import Run
 from .search.size_limit import is_due, mask_state
@@ -198,9 +200,11 @@ class Agent(abc.ABC):
         callbacks = [callback] if callable(callback) else list(callback or ())
         use_disk_cache()
         require_memory(self.spec, self.config)
-        trainer = make_trainer(self.spec, self.config, self.seed, self.start)
+        trainer = trainer_of(self.spec, self.config, self.seed, self.start)
         try:
             with ProgressBar(self.config.total_timesteps, self.num_timesteps, show=progress_bar) as bar:
+                if isinstance(trainer, GuidedTrainer):
+                    trainer.say = bar.say
                 self.compile_seconds = trainer.compile()
                 self.is_training = True
                 self._learn(trainer, callbacks, bar)
@@ -212,7 +216,7 @@ class Agent(abc.ABC):
             trainer.close()
         return self
 
-    def _learn(self, trainer: Trainer, callbacks: list[Callback], bar: ProgressBar) -> None:
+    def _learn(self, trainer: Trainer | GuidedTrainer, callbacks: list[Callback], bar: ProgressBar) -> None:
         began, first = time.perf_counter(), self.num_timesteps
         at_once = () if self.start is None else (1,)  # what is begun with is the first to be validated
         for stop in (*at_once, *stops(self.config)):
@@ -220,7 +224,7 @@ class Agent(abc.ABC):
                 continue
             state = trainer.advance(self.state, stop)
             require_finite(state, self.num_timesteps, self.spec.features.names)  # waits for the device, too
-            if is_due(self.config, self.num_timesteps, int(state.timestep)):
+            if isinstance(trainer, Trainer) and is_due(self.config, self.num_timesteps, int(state.timestep)):
                 bar.say("pruning by what it earns")
                 state = self._within_limit(trainer, state)
             self.state = state
@@ -313,8 +317,10 @@ class Agent(abc.ABC):
 
     @property
     def has_tree(self) -> bool:
-        """True where the policy is a tree, so that `tree` returns it."""
-        return self.config.policy == "tree"
+        """True where the policy is a tree, so that `tree` returns it; with method "auto" not before it is distilled."""
+        return self.config.policy == "tree" and (
+            self.state is None or isinstance(self.state.networks.actor, Tree)
+        )
 
     def tree(self, *, prune: bool = True) -> DecisionTree:
         """Return the policy as a tree: the best one validated, or without ``select_best`` the last.
@@ -466,9 +472,9 @@ def load_run(run: Run) -> Agent:
     """Return the agent of a run that is open; see `load`."""
     run.require_training()
     agent = agent_of(run.resolve_env(), run.config, run.seed, run.load_start(), preset=run.metadata["preset"])
-    source = agent.spec if agent.spec.env is None else agent.spec.env
-    loop = make_loop(source, agent.config.static(), warm=agent.start is not None)
-    agent.state = run.load_checkpoint(loop.saved_template())
+    agent.state = run.load_checkpoint(
+        lambda timestep: saved_template(agent.spec, agent.config, agent.start, timestep)
+    )
     return agent
 
 

@@ -179,7 +179,7 @@ class Interrupts:
 
 
 def _imports(frame: FrameType | None) -> bool:
-    """Return whether a module is being imported: the machine code of some aborts if Python code that it calls raises."""
+    """Return whether a module is being imported; the machine code of some aborts where Python code raises."""
     while frame is not None:
         if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
             return True

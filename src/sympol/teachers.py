@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64
 
 from . import files
 from .agents import Agent
@@ -22,7 +21,6 @@ from .envs.registry import resolve
 from .envs.spec import EnvSpec
 from .policies.soft_tree import SoftTree
 from .trees import DecisionTree
-from .trees.actions import BoxActions, MultiDiscreteActions
 
 DISCRETIZE = "discretize"
 ALL_METHODS = (*METHODS, DISCRETIZE)
@@ -149,31 +147,7 @@ def teacher_of(agent: Agent) -> Teacher:
     Returns:
         A teacher with its deterministic actions and, if they are discrete, their log-probabilities.
     """
-    nothing_random = np.random.default_rng(0)
-
-    def act(x: Float32[np.ndarray, "batch features"]) -> np.ndarray:
-        return agent.act(x, deterministic=True, rng=nothing_random)
-
-    def log_probabilities(x: Float32[np.ndarray, "batch features"]) -> Float64[np.ndarray, "batch outputs"]:
-        logits, actions = agent.outputs(x).astype(np.float64), agent.actions
-        parts = actions.split(logits) if isinstance(actions, MultiDiscreteActions) else [logits]
-        return np.concatenate([log_softmax(part) for part in parts], axis=1)
-
-    continuous = isinstance(agent.spec.actions, BoxActions)
-    return Teacher(agent.spec, act, None if continuous else log_probabilities)
-
-
-def log_softmax(logits: Float64[np.ndarray, "batch n"]) -> Float64[np.ndarray, "batch n"]:
-    """Compute the logarithms of probabilities, row by row.
-
-    Args:
-        logits: The logits.
-
-    Returns:
-        Log-probabilities of the same shape.
-    """
-    z = logits - logits.max(axis=1, keepdims=True)
-    return z - np.log(np.exp(z).sum(axis=1, keepdims=True))
+    return Teacher.from_outputs(agent.spec, agent.outputs)
 
 
 def discretize_agent(agent: Agent, *, prune: bool = True) -> DecisionTree:

@@ -101,7 +101,7 @@ class TrainedPolicy:
         Returns:
             The outputs ``[batch, outputs]``.
         """
-        if self.config.policy == "tree":
+        if isinstance(self.actor, Tree):
             return self.full_tree.outputs(x)
         return outputs(self.actor, self.state.normalizer, x)
 
@@ -112,6 +112,11 @@ class TrainedPolicy:
             return self._start.tree
         actor = self.actor
         if not isinstance(actor, Tree):
+            if self.config.policy == "tree":
+                raise RuntimeError(
+                    f"there is no tree yet after {int(self.state.timestep)} steps: with method auto a teacher is "
+                    "trained first; see Agent.has_tree"
+                )
             raise RuntimeError(
                 f"{self.config.policy} is no tree; make one of it with `sympol distill` or sympol.distill_policy"
             )

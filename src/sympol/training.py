@@ -10,6 +10,7 @@ import numpy as np
 
 from .agents import Agent, Callback, Report, load_run
 from .algorithms.config import SIZE_LIMITS
+from .algorithms.state import Guide
 from .play import FEW, Episodes
 from .provenance import versions
 from .runs.formatting import decimals
@@ -60,6 +61,7 @@ def finish(
         "validation_return": float(validation.best_return),
         "best_timestep": int(validation.best_timestep),
         **({} if agent.start is None else {"start": agent.start.about()}),
+        **({} if agent.state.guide is None else {"guide": _about(agent.state.guide)}),
     }
     if tested is not None and sampled is not None:
         summary |= {
@@ -116,6 +118,18 @@ def warn_of_noise(env_name: str, best: np.ndarray, sampled: np.ndarray) -> None:
         NeedsNoise,
         stacklevel=1,
     )
+
+
+def _about(guide: Guide) -> dict[str, Any]:
+    """Return what a training with a teacher did before the tree's own training."""
+    return {
+        "teacher_timesteps": int(guide.teacher_steps),
+        "distill_timesteps": int(guide.steps) - int(guide.teacher_steps),
+        "teacher_return": float(guide.teacher_return),
+        "random_return": float(guide.random_return),
+        "distilled_return": float(guide.tree_return),
+        "began_with": "the distilled tree" if guide.is_distilled else "a single leaf",
+    }
 
 
 def _size(agent: Agent) -> dict[str, float]:

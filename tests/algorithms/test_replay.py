@@ -105,7 +105,7 @@ def test_a_checkpoint_holds_the_running_episodes(uninterrupted, tmp_path):
     trainer = Trainer(spec_of(), CONFIG, 0)
     checkpoint.save(tmp_path, saved._replace(metrics={}), 512)
     like = trainer.template()._replace(metrics={})
-    loaded, _ = checkpoint.load_latest(tmp_path, like)
+    loaded, _ = checkpoint.load_latest(tmp_path, lambda _: like)
     assert loaded.env_state.actions.shape == (128, 4)
     assert_same_bits(
         advance(spec_of(), loaded._replace(metrics=saved.metrics), 1024, 1536, 2048), uninterrupted
@@ -113,7 +113,7 @@ def test_a_checkpoint_holds_the_running_episodes(uninterrupted, tmp_path):
     # a checkpoint of an earlier version has none, and new episodes begin
     old = saved._replace(metrics={}, env_state=None)
     checkpoint.save(tmp_path, old, 513)
-    loaded, _ = checkpoint.load_latest(tmp_path, like)
+    loaded, _ = checkpoint.load_latest(tmp_path, lambda _: like)
     assert len(loaded.env_state.length) == 0
     made: list[Walk] = []
     advance(spec_of(made), loaded._replace(metrics=saved.metrics), 1024)

@@ -12,9 +12,10 @@ import pytest
 
 import sympol
 from sympol.distill.discretize import discretize
+from sympol.distill.teacher import log_softmax
 from sympol.envs.spaces import action_spec
 from sympol.policies.soft_tree import SoftTree
-from sympol.teachers import discretize_agent, log_softmax, teacher_of
+from sympol.teachers import discretize_agent, teacher_of
 
 from ..tiny import TINY, Chain, quick_compiles
 

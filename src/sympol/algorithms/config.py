@@ -38,6 +38,11 @@ class Config:
     policy: Literal["tree", "mlp", "sdt"] = knob("tree")
     """The actor: a hard decision tree, or a baseline: a multilayer perceptron or a soft decision tree."""
 
+    method: Literal["direct", "auto"] = knob("direct", only=("tree",))
+    """The way to a tree. direct: the tree is trained from the first step. auto: an MLP is trained for about half of the
+    steps, a small tree is distilled from it, and this tree is trained and grown for the rest; if the MLP has learned
+    nothing, the tree is trained from a single leaf. All steps count."""
+
     total_timesteps: int = knob(1_000_000, low=1, high=MAX_TIMESTEPS)
     """Environment steps to train for. The rollout in which they are reached is completed."""
 
@@ -351,6 +356,11 @@ def _check_together(config: Config) -> None:
     if config.critic != "mlp" and config.critic != config.policy:
         raise ConfigError(
             f"critic must be mlp or, as it shares the actor's architecture, {config.policy!r}, got {config.critic!r}"
+        )
+    if config.method == "auto" and config.critic != "mlp":
+        raise ConfigError(
+            f"critic must be mlp with method auto, where it is the teacher's, got {config.critic!r}; choose it, or "
+            "method direct"
         )
     if config.grow_splits and config.node_price:
         raise ConfigError(

@@ -19,7 +19,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int, PRNGKeyArray
 
 from ..functional import select
-from ..policies.tree import Tree
+from ..policies.tree import MASKED, Tree
 from ..types import Transition
 from .normalization import refit_normalizer
 from .state import Normalizer, TrainState
@@ -53,6 +53,14 @@ def init_from_tree(
     x = normalizer(rollout.observation[0].reshape(-1, actor.thresholds.shape[1]))
     threshold = normalize_at(normalizer, feature, threshold)
     thresholds = thresholds_among(x, feature, threshold, state.warm.kept, key)
+    thresholds = jnp.where(
+        actor.thresholds >= MASKED, actor.thresholds, thresholds
+    )  # closed nodes stay closed
+    if state.guide is not None:  # the critic was trained on another scale
+        critic: Any = state.networks.critic
+        state = state._replace(
+            networks=state.networks._replace(critic=critic.on_scale(state.guide.scale, normalizer))
+        )
     return _with_thresholds(state, normalizer, thresholds)
 
 

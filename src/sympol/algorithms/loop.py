@@ -27,8 +27,8 @@ from .initialization import purpose_key
 from .normalization import can_be_scaled, initial_normalizer, refit_normalizer, watch_bounds
 from .optim import only_critic_learns, optimizer
 from .rollouts import Rollouts, empty_rollout
-from .state import Episodes, TrainState, Validation, WarmStartState, tree_where
-from .warm_start import install_actor
+from .state import Episodes, Guide, TrainState, Validation, WarmStartState, tree_where
+from .warm_start import install_actor, install_teacher
 
 Segment = Callable[[Hyperparameters, Any, TrainState, Any, Any], TrainState]
 
@@ -40,7 +40,8 @@ class Loop:
         config: The static part of the configuration; its traced numbers are not used.
         algorithm: The algorithm.
         rollouts: The source of experience.
-        warm: Whether a new training starts from the actor of the state that it is given.
+        warm: Whether a new training starts from the actor of the state that it is given, and with
+            ``config.method == "auto"`` from its critic, too.
     """
 
     def __init__(
@@ -116,13 +117,17 @@ class Loop:
         Args:
             hyper: The traced hyperparameters.
             seed: The seed of the training.
-            given: The state whose actor a warm start begins with; otherwise unused.
+            given: The state whose actor, and critic, a warm start begins with; otherwise unused.
 
         Returns:
             The state, with its environments reset.
         """
         state = self._random(hyper, seed)._replace(metrics=self.zero_metrics, was_cut=jnp.bool_(False))
-        return install_actor(state, given.networks.actor, given.warm) if self.warm else state
+        if not self.warm:
+            return state
+        if given.guide is not None:
+            return install_teacher(state, given)
+        return install_actor(state, given.networks.actor, given.warm)
 
     def _random(self, hyper: Hyperparameters, seed: Int[Array, ""]) -> TrainState:
         config, algorithm = self.config, self.algorithm
@@ -144,6 +149,8 @@ class Loop:
         )
         if self.warm:
             state = state._replace(warm=WarmStartState.zeros(config.depth))
+            if config.method == "auto":
+                state = state._replace(guide=Guide.zeros(algorithm.num_features))
         return self.rollouts.reset(state)
 
     def experience_shape(self) -> Experience:

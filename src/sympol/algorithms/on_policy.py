@@ -51,7 +51,13 @@ def coefficients(
     Returns:
         The weight, and the factor for `apply_gradients`.
     """
-    progress = state.timestep.astype(jnp.float32) / config.total_timesteps
+    if state.guide is None:
+        progress = state.timestep.astype(jnp.float32) / config.total_timesteps
+    else:
+        begun = state.guide.steps
+        progress = (state.timestep - begun).astype(jnp.float32) / jnp.maximum(
+            config.total_timesteps - begun, 1
+        )
     rate = _linear(progress, hyper.lr_end_factor) * state.validation.lr_factor
     return hyper.ent_coef * _linear(progress, hyper.ent_end_factor), rate
 

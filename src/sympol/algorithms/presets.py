@@ -58,8 +58,9 @@ def preset(
         name: The name of the preset.
         policy: The policy, as in ``Config.policy``.
         algorithm: The algorithm, as in ``Config.algorithm``.
-        given: Fields that the user chose. The defaults of a tree for any environment follow the number of
-            environment steps, and what else is chosen (`sympol.algorithms.recipe`).
+        given: Fields that the user chose. The defaults of PPO for any environment follow the number of environment
+            steps, and what else is chosen (`sympol.algorithms.recipe`), also for a tree with ``method="auto"`` where
+            the environment has a preset.
         from_tree: Whether the training starts from a tree.
 
     Returns:
@@ -71,9 +72,9 @@ def preset(
     if is_path(name):
         return _of_file(Path(name), policy, algorithm)
     presets = presets_of(env_name, policy, algorithm)
-    if name == DEFAULT and name not in presets:
-        if (algorithm, policy) == ("ppo", "tree"):
-            return recipe(given or {}, from_tree=from_tree)
+    if name == DEFAULT and (name not in presets or (given or {}).get("method") == "auto"):
+        if algorithm == "ppo" and policy in ("tree", "mlp"):
+            return recipe(given or {}, policy=policy, from_tree=from_tree)
         presets = presets_of(ANY, policy, algorithm)
     if name not in presets:
         if name == DEFAULT:

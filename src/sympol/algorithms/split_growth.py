@@ -37,16 +37,19 @@ CHANCE = 0.05
 """The probability that a leaf is split where there is nothing to gain."""
 
 
-def closed(tree: Tree) -> Tree:
-    """Return a tree that is a single leaf.
+def closed(tree: Tree, nodes: Any = True) -> Tree:
+    """Return a tree without some of its nodes.
 
     Args:
         tree: A complete tree.
+        nodes: The nodes to close, bool ``[nodes]``; by default all, which leaves a single leaf.
 
     Returns:
-        The tree with all its nodes closed.
+        The tree with these nodes closed.
     """
-    return eqx.tree_at(lambda t: t.thresholds, tree, jnp.full_like(tree.thresholds, MASKED))
+    are_closed = jnp.broadcast_to(jnp.asarray(nodes), tree.thresholds.shape[:1])
+    thresholds = jnp.where(are_closed[:, None], MASKED, tree.thresholds)
+    return eqx.tree_at(lambda t: t.thresholds, tree, thresholds)
 
 
 def output_gradients(

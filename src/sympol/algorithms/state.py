@@ -164,6 +164,35 @@ class WarmStartState(NamedTuple):
         return WarmStartState(nodes, nodes, jnp.zeros(2**depth, bool), jnp.float32(0))
 
 
+class Guide(NamedTuple):
+    """The part of the state that only the training of a tree with a teacher has (`sympol.guided`).
+
+    Attributes:
+        steps: Environment steps before the tree's own training: the teacher's training and the distillation.
+        teacher_steps: Those of the teacher's training.
+        teacher_return: The mean return of the teacher, playing its best actions.
+        random_return: The mean return of random actions.
+        tree_return: The mean return of the distilled tree.
+        is_distilled: Whether the training begins with that tree; otherwise with a single leaf.
+        scale: The scale of the features that the teacher's critic was trained on.
+    """
+
+    steps: Int[Array, ""]
+    teacher_steps: Int[Array, ""]
+    teacher_return: Float[Array, ""]
+    random_return: Float[Array, ""]
+    tree_return: Float[Array, ""]
+    is_distilled: Bool[Array, ""]
+    scale: Normalizer
+
+    @staticmethod
+    def zeros(num_features: int) -> Guide:
+        """Return a record of the right shapes."""
+        nothing, count = jnp.float32(0), jnp.int32(0)
+        scale = Normalizer(jnp.zeros(num_features), jnp.ones(num_features))
+        return Guide(count, count, nothing, nothing, nothing, jnp.bool_(False), scale)
+
+
 class TrainState(NamedTuple):
     """Everything that a training is.
 
@@ -182,6 +211,7 @@ class TrainState(NamedTuple):
         validation: The record of validations.
         memory: What the algorithm keeps beside its networks (`Algorithm.init_memory`).
         warm: What is remembered of the tree that training started from; None where it started at random.
+        guide: What is remembered of the teacher; None for a training without one.
         was_cut: Whether the last validation cut an episode; None outside of a segment, so that no checkpoint has it.
     """
 
@@ -199,6 +229,7 @@ class TrainState(NamedTuple):
     validation: Validation
     memory: Any = None
     warm: WarmStartState | None = None
+    guide: Guide | None = None
     was_cut: Bool[Array, ""] | None = None
 
 

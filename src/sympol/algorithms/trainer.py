@@ -99,10 +99,19 @@ class Trainer:
         config: The configuration.
         seed: The seed of everything random.
         start: The tree to start from, if there is one.
+        guided: Whether `begin_with` gives what to start from later, once a teacher is trained.
     """
 
-    def __init__(self, source: Env | EnvSpec, config: Config, seed: int, start: Start | None = None) -> None:
-        self._program = make_program(source, config, warm=start is not None)
+    def __init__(
+        self,
+        source: Env | EnvSpec,
+        config: Config,
+        seed: int,
+        start: Start | None = None,
+        *,
+        guided: bool = False,
+    ) -> None:
+        self._program = make_program(source, config, warm=guided or start is not None)
         self._initial = self._program.template
         if start is not None:
             actor, warm = start.parameters(config, seed, source.action_space)
@@ -128,6 +137,14 @@ class Trainer:
         """
         return self._program.compile(*self._arguments(None, 0))
 
+    def begin_with(self, **fields: Any) -> None:
+        """Set what a guided training begins with.
+
+        Args:
+            fields: Fields of the `TrainState` that `sympol.algorithms.warm_start.install_teacher` reads.
+        """
+        self._initial = self._initial._replace(**fields)
+
     def advance(self, state: TrainState | None, stop: int) -> TrainState:
         """Train until a timestep is reached, and validate.
 
@@ -146,7 +163,7 @@ class Trainer:
         return state._replace(was_cut=None)
 
     def template(self) -> TrainState:
-        """Return a state of zeros, for instance to load a checkpoint into; no environment is opened for it.
+        """Return a state of zeros; no environment is opened for it.
 
         Returns:
             A state with the shapes and types of every state of this training.
@@ -166,7 +183,9 @@ class Trainer:
         return self._hyper, self._seed, state, np.bool_(first), np.int32(stop)
 
 
-def make_trainer(spec: EnvSpec, config: Config, seed: int, start: Start | None = None) -> Trainer:
+def make_trainer(
+    spec: EnvSpec, config: Config, seed: int, start: Start | None = None, *, guided: bool = False
+) -> Trainer:
     """Return the trainer of an environment, inside the compiled program if it is written in JAX.
 
     Args:
@@ -174,6 +193,7 @@ def make_trainer(spec: EnvSpec, config: Config, seed: int, start: Start | None =
         config: The configuration.
         seed: The seed of everything random.
         start: The tree to start from, if there is one.
+        guided: Whether `Trainer.begin_with` gives what to start from later.
 
     Returns:
         The trainer; it opens no environment before `Trainer.advance`.
@@ -186,4 +206,4 @@ def make_trainer(spec: EnvSpec, config: Config, seed: int, start: Start | None =
             f"num_devices must be 1 for {spec.name}, which the host steps, got {config.num_devices}; environments "
             "written in JAX can be spread over devices"
         )
-    return Trainer(spec if spec.env is None else spec.env, config, seed, start)
+    return Trainer(spec if spec.env is None else spec.env, config, seed, start, guided=guided)

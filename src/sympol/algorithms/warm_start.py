@@ -21,7 +21,8 @@ from ..trees.actions import ActionSpec, BoxActions
 from ..trees.override import nodes_reached_by
 from .config import Config
 from .knobs import ConfigError
-from .state import Normalizer, TrainState, WarmStartState
+from .split_growth import closed
+from .state import Normalizer, TrainState, WarmStartState, tree_where
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,9 @@ class Start:
             raise ConfigError(
                 f"only a tree can start from a tree; policy is {config.policy!r}, leave start out"
             )
-        if config.grow_splits:
+        if config.grow_splits and self.freeze:
             raise ConfigError(
-                "grow_splits must be False for a training that starts from a tree, whose splits are there already"
+                "grow_splits must be False for a training that starts from a tree with frozen nodes, got True"
             )
         if self.freeze and (config.max_nodes or config.node_price):
             raise ConfigError(
@@ -180,6 +181,8 @@ class Start:
         units, _ = units_and_centers(space, scaled=config.scale_actions)
         actor = multiply_outputs(actor, 1 / units)
         kept = where.split >= 0
+        if config.grow_splits:
+            actor = closed(actor, ~kept)
         leaves = (self.tree.is_leaf & frozen)[where.leaf]
         splits = np.where(kept, frozen[where.split], _all_below(leaves))
         warm: Any = (kept, splits, leaves, np.float32(self.critic_warmup))
@@ -234,6 +237,24 @@ def install_actor(state: TrainState, actor: Tree, warm: WarmStartState | None) -
         validation=state.validation._replace(best_actor=actor),
         warm=warm,
     )
+
+
+def install_teacher(state: TrainState, given: TrainState) -> TrainState:
+    """Return a new state that begins where a teacher stopped.
+
+    Args:
+        state: The state of a training that begins at random.
+        given: The distilled tree over raw observations, the teacher's critic with its scale of returns, the steps
+            spent so far, and the record of the teacher.
+
+    Returns:
+        The state; where nothing was distilled its actor is the random one.
+    """
+    assert given.guide is not None
+    begun = install_actor(state, given.networks.actor, given.warm)
+    begun = tree_where(given.guide.is_distilled, begun, state._replace(warm=given.warm))
+    networks = begun.networks._replace(critic=given.networks.critic)
+    return begun._replace(networks=networks, memory=given.memory, timestep=given.timestep, guide=given.guide)
 
 
 def _all_below(leaves: Bool[np.ndarray, " leaves"]) -> Bool[np.ndarray, " inner"]:

@@ -16,9 +16,10 @@ import jax
 from .. import files
 from ..agents import Agent, Report
 from ..algorithms.metrics import metrics_of, require_finite
-from ..algorithms.trainer import make_trainer, stops
+from ..algorithms.trainer import stops
 from ..compilation import use_disk_cache
 from ..distill import distill
+from ..guided import trainer_of
 from ..parallel.task import import_function
 from ..play import Episodes, Purpose, play
 from ..provenance import versions
@@ -89,7 +90,7 @@ def take_turns(agents: Sequence[Agent], runs: Sequence[Run]) -> None:
         runs: Their runs, which get checkpoints and metrics.
     """
     use_disk_cache()
-    trainers = [make_trainer(agent.spec, agent.config, agent.seed) for agent in agents]
+    trainers = [trainer_of(agent.spec, agent.config, agent.seed, agent.start) for agent in agents]
     try:
         for agent, trainer in zip(agents, trainers, strict=True):
             agent.compile_seconds = trainer.compile()

@@ -109,7 +109,7 @@ def _what(agent: Agent) -> str:
     begun = "" if agent.start is None else f" from {agent.start.origin}"
     hidden = " × ".join(str(width) for width in config.actor_hidden)
     return {
-        "tree": f"a tree of depth {config.depth}{_limit(config)}{begun}",
+        "tree": f"a tree of depth {config.depth}{_limit(config)}{begun}{_with_teacher(config)}",
         "sdt": f"a soft tree of depth {config.depth}",
         "mlp": f"an MLP ({hidden})",
     }[config.policy]
@@ -119,6 +119,10 @@ def _limit(config: Config) -> str:
     """Return the size limits as text."""
     most = f", at most {config.max_nodes:,} nodes" if config.max_nodes else ""
     return most + (f", a return of {config.node_price:g} a node" if config.node_price else "")
+
+
+def _with_teacher(config: Config) -> str:
+    return ", after an MLP that is its teacher (--method direct: without)" if config.method == "auto" else ""
 
 
 def _through(spec: EnvSpec) -> str:

@@ -43,6 +43,8 @@ def _lines(summary: dict[str, Any]) -> str:
             f"teacher  [bold]{summary['teacher_return_mean']:,.{n}f}[/] ± {summary['teacher_return_std']:,.{n}f} over "
             f"the same episodes; there {_agreement(summary)}"
         )
+    if "guide" in summary:
+        lines.append(_guide(summary["guide"]))
     if "nodes" in summary:
         lines.append(
             f"size     [bold]{summary['nodes']:,}[/] nodes, {summary['leaves']:,} leaves, depth {summary['depth']:,} "
@@ -56,6 +58,18 @@ def _lines(summary: dict[str, Any]) -> str:
     if "distill_seconds" in summary:
         lines.append(f"time     {summary['distill_seconds']:.1f} s")
     return "\n".join(lines)
+
+
+def _guide(guide: dict[str, Any]) -> str:
+    """Return the line about the teacher of a training."""
+    earned = [guide[f"{name}_return"] for name in ("teacher", "distilled", "random")]
+    n = decimals(max(earned, key=abs))
+    teacher, distilled, random = (f"{number:,.{n}f}" for number in earned)
+    return (
+        f"teacher  an MLP earned {teacher} after {guide['teacher_timesteps']:,} steps (random actions {random}), "
+        f"trees distilled from it in {guide['distill_timesteps']:,} more {distilled}; then {guide['began_with']} was "
+        "trained"
+    )
 
 
 def _limits(summary: dict[str, Any]) -> str:

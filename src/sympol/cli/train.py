@@ -146,22 +146,32 @@ def parse_train(words: Sequence[str]) -> Train:
     with contextlib.suppress(ValueError):  # the second pass raises it
         asks = {"-h", "--help"} & set(words)
         first = parse(type(first), "train", [a for a in words if a not in asks])
-    which = {"algorithm": first.config.algorithm, "policy": first.config.policy}
+    which = {
+        "algorithm": first.config.algorithm or Config.algorithm,
+        "policy": first.config.policy or Config.policy,
+    }
+    chosen = {field.name: getattr(first.config, field.name) for field in dataclasses.fields(Config)}
     values = preset(
         "" if first.env_kwargs else first.env,
         first.preset,
-        given={field.name: getattr(first.config, field.name) for field in dataclasses.fields(Config)},
+        given={name: value for name, value in chosen.items() if value is not None},
         from_tree=first.start is not None,
         **which,
     )
-    if first.start is not None and first.config.policy == "tree":
+    if first.start is not None and which["policy"] == "tree":
         values = {**values, "depth": max(values.get("depth", Config.depth), tree_from(first.start).depth)}
     return parse(Train, "train", words, Train("", config=Config.from_dict({**which, **values})))
 
 
 def _unchecked() -> type:
-    """Return `Train` with a config of any values: without its preset, the given values need not fit together."""
-    fields = make_dataclass("Fields", _fields_of(Config))
+    """Return `Train` with a config of any values: without its preset, the given values need not fit together.
+
+    What is not given is None there, except flags without a value.
+    """
+    fields = make_dataclass(
+        "Fields",
+        [of if of[1] is bool else (of[0], of[1] | None, None) for of in _fields_of(Config)],
+    )
     config = ("config", Annotated[fields, tyro.conf.arg(name="")], field(default_factory=fields))
     return make_dataclass("First", [*(f for f in _fields_of(Train) if f[0] != "config"), config])
 

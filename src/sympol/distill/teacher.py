@@ -12,7 +12,8 @@ from jaxtyping import Float, Float32
 from numpy.typing import ArrayLike
 
 from ..envs.spec import EnvSpec
-from ..trees.actions import BoxActions
+from ..play import fitted_actions
+from ..trees.actions import BoxActions, MultiDiscreteActions
 from .answers import check_spaces, checked_actions, checked_values
 from .observations import unflatten
 
@@ -117,6 +118,29 @@ class Teacher:
         return cls(spec, partial(ask, function), values)
 
     @classmethod
+    def from_outputs(cls, spec: EnvSpec, outputs: Callable[[np.ndarray], np.ndarray]) -> Teacher:
+        """Make a teacher of the outputs of an actor of ours.
+
+        Args:
+            spec: The environment it acts in.
+            outputs: Maps flat observations to logits, or to means of continuous actions, ``[batch, outputs]``.
+
+        Returns:
+            A teacher with the deterministic actions and, if they are discrete, their log-probabilities.
+        """
+        actions = spec.actions
+
+        def act(x: np.ndarray) -> np.ndarray:
+            return fitted_actions(actions.decide(outputs(x)), spec.action_space)
+
+        def log_probabilities(x: np.ndarray) -> np.ndarray:
+            logits = outputs(x).astype(np.float64)
+            parts = actions.split(logits) if isinstance(actions, MultiDiscreteActions) else [logits]
+            return np.concatenate([log_softmax(part) for part in parts], axis=1)
+
+        return cls(spec, act, None if isinstance(actions, BoxActions) else log_probabilities)
+
+    @classmethod
     def from_model(cls, model: Any, spec: EnvSpec) -> Teacher:
         """Make a teacher of anything with stable-baselines3's ``predict`` for batches of observations.
 
@@ -146,6 +170,19 @@ class Teacher:
         values = None if isinstance(spec.actions, BoxActions) else find_action_values(model)
         asked = values and (lambda x: values(unflatten(spec.observation_space, x)))
         return cls(spec, act, asked)
+
+
+def log_softmax(logits: Float[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch n"]:
+    """Compute the logarithms of probabilities, row by row.
+
+    Args:
+        logits: The logits.
+
+    Returns:
+        Log-probabilities of the same shape.
+    """
+    z = logits - logits.max(axis=1, keepdims=True)
+    return z - np.log(np.exp(z).sum(axis=1, keepdims=True))
 
 
 def find_action_values(model: Any) -> Callable[[Any], np.ndarray] | None:

@@ -50,6 +50,21 @@ class MLP(eqx.Module):
             x = jnp.tanh(x @ weight + bias[None])
         return x @ last[0] + last[1][None]
 
+    def on_scale(self, before: tuple[Array, Array], after: tuple[Array, Array]) -> MLP:
+        """Return the network that computes the same of inputs on another scale.
+
+        Args:
+            before: The shift and the factor of each input so far.
+            after: Those that it is to have, where no factor is 0.
+
+        Returns:
+            The network, with another first layer.
+        """
+        (shift, factor), (new_shift, new_factor) = before, after
+        first = self.weights[0]
+        bias = self.biases[0] + ((new_shift - shift) * factor) @ first
+        return MLP(((factor / new_factor)[:, None] * first, *self.weights[1:]), (bias, *self.biases[1:]))
+
 
 class MLPActor(eqx.Module):
     """An MLP that acts.

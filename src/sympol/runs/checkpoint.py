@@ -13,6 +13,7 @@ import json
 import os
 import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -84,13 +85,16 @@ def remove_all(folder: Path) -> None:
         folder.rmdir()
 
 
-def load_latest(folder: Path, like: State, obsolete: tuple[str, ...] = ()) -> tuple[State, int]:
+def load_latest(
+    folder: Path, like: Callable[[int], State], obsolete: tuple[str, ...] = ()
+) -> tuple[State, int]:
     """Read the newest checkpoint that is whole; truncated or edited ones are skipped with a warning.
 
     Args:
         folder: The folder of the checkpoints.
-        like: A pytree of arrays, or of their shapes, of the form of the state. The first axis of an array that is
-            empty may have any length in the file, and the array may be missing there.
+        like: From the environment steps of a checkpoint to a pytree of arrays, or of their shapes, of the form of its
+            state. The first axis of an array that is empty may have any length in the file, and the array may be
+            missing there.
         obsolete: How the names of arrays begin that a checkpoint may hold and that are not read.
 
     Returns:
@@ -152,11 +156,12 @@ def _read_seal(path: Path) -> tuple[int, str]:
     return timestep, checksum
 
 
-def _load(seal_path: Path, like: State, obsolete: tuple[str, ...]) -> tuple[State, int]:
+def _load(seal_path: Path, form: Callable[[int], State], obsolete: tuple[str, ...]) -> tuple[State, int]:
     import jax
     from safetensors.numpy import load as load_tensors
 
     timestep, checksum = _read_seal(seal_path)
+    like = form(timestep)
     named = jax.tree_util.tree_flatten_with_path(like)[0]  # arrays, or only their shapes
     most = _MOST_SEAL + sum(int(leaf.size) * leaf.dtype.itemsize + _MOST_SEAL for _, leaf in named)
     most += _MOST_GROWN if any(_grows(leaf) for _, leaf in named) else 0

@@ -24,7 +24,7 @@ import errno
 import json
 import os
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -366,11 +366,11 @@ class Run:
         with self.writing():
             save(self.path / "checkpoints", state._replace(metrics={}), int(state.timestep))
 
-    def load_checkpoint(self, template: TrainState) -> TrainState | None:
+    def load_checkpoint(self, template: Callable[[int], TrainState]) -> TrainState | None:
         """Return the newest checkpoint that is whole, or None where none was saved yet.
 
         Args:
-            template: A state with arrays, or their shapes, of the same form.
+            template: From the environment steps of a checkpoint to a state of its form, with arrays or their shapes.
 
         Returns:
             The state, or None.

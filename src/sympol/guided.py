@@ -1,0 +1,204 @@
+"""The training of a tree with a teacher: `Config.method` is ``"auto"``.
+
+Gradients of a tree get stuck where two splits are worth something only together, where rewards are sparse, and where
+features are one-hot; those of an MLP do not. So an MLP is trained for the first part of the steps. A tree is distilled
+from it, the smallest that is about as good as any. From then on this tree acts, learns and grows, with the teacher's
+critic, for the rest of the steps. Where the teacher earns no more than random actions there is nothing to distill, and
+the tree begins as a single leaf.
+
+All this is one training with one clock: its state is at first that of the teacher, then that of the tree, and every
+step that the teacher or the distillation takes counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .algorithms.config import Config
+from .algorithms.knobs import ConfigError
+from .algorithms.presets import preset
+from .algorithms.state import Guide, Networks, TrainState
+from .algorithms.trainer import Trainer, make_loop, make_trainer, stops
+from .algorithms.warm_start import Start
+from .distill.dataset import Limits
+from .distill.teacher import Teacher
+from .distill.within_steps import distill_within
+from .envs.spec import EnvSpec
+from .trained_policy import TrainedPolicy
+
+TEACHING = 0.5
+"""The part of the steps for which the teacher is trained."""
+DISTILLING = 0.15
+"""The part of the steps for which teacher and trees play episodes to distill from."""
+MOST_DISTILLING = 100_000
+"""The most steps of these episodes."""
+_SHARED = (
+    *(
+        "algorithm",
+        "num_envs",
+        "num_devices",
+        "num_eval_episodes",
+        "eval_share",
+        "normalize_obs",
+        "trust_bounds",
+    ),
+    *("scale_actions", "normalize_returns", "gamma", "reward_scale", "critic_hidden", "log_std_init"),
+)
+"""Fields of the config that are the teacher's, too."""
+
+
+def teacher_config(spec: EnvSpec, config: Config) -> Config:
+    """Return the configuration of the teacher.
+
+    Args:
+        spec: The environment.
+        config: The configuration of the whole training.
+
+    Returns:
+        The configuration of an MLP that is trained for the first part of the steps.
+    """
+    first = _teacher_stops(config)
+    given = {name: getattr(config, name) for name in _SHARED}
+    given |= {"policy": "mlp", "total_timesteps": first[-1], "num_evals": len(first)}
+    values = preset(spec.preset_id, policy="mlp", algorithm=config.algorithm, given=given)
+    return Config.from_dict({**values, **given})
+
+
+class GuidedTrainer:
+    """The training of one seed with a teacher; it has the methods of a `Trainer`.
+
+    Args:
+        spec: The environment.
+        config: The configuration, whose method is "auto".
+        seed: The seed of everything random.
+    """
+
+    def __init__(self, spec: EnvSpec, config: Config, seed: int) -> None:
+        if _teacher_stops(config)[-1] >= config.total_timesteps:
+            raise ConfigError(
+                f"num_evals must be at least 2 with method auto, got {config.num_evals}: the teacher is validated "
+                "before a tree is distilled from it"
+            )
+        self._spec, self._config, self._seed = spec, config, seed
+        self._taught = teacher_config(spec, config)
+        self._teacher = make_trainer(spec, self._taught, seed)
+        self._tree = make_trainer(spec, config, seed, guided=True)
+        self._active = self._teacher
+        self.say: Callable[[str], None] = lambda words: None
+        """Called with what is being done when it is no training."""
+
+    @property
+    def latest(self) -> TrainState | None:
+        """See `Trainer.latest`."""
+        return self._active.latest
+
+    @property
+    def limit(self) -> int:
+        """See `Trainer.limit`."""
+        return self._active.limit
+
+    @property
+    def was_cut(self) -> bool:
+        """See `Trainer.was_cut`."""
+        return self._active.was_cut
+
+    def compile(self) -> float:
+        """Compile the programs of the teacher and of the tree; see `Trainer.compile`."""
+        return self._teacher.compile() + self._tree.compile()
+
+    def advance(self, state: TrainState | None, stop: int) -> TrainState:
+        """Train until a timestep is reached, and validate; see `Trainer.advance`.
+
+        When the teacher is trained, this distills a tree, and returns the state of its training before the first step.
+        """
+        if state is not None and state.guide is not None:
+            return self._run(self._tree, state, stop)
+        state = self._run(self._teacher, state, stop)
+        if int(state.timestep) < self._taught.total_timesteps:
+            return state
+        self._teacher.close()  # there may be no more copies of the environment than it has open
+        self.say("distilling a tree from the teacher")
+        self._tree.begin_with(**self._beginning(state))
+        return self._run(self._tree, None, 0)
+
+    def close(self) -> None:
+        """See `Trainer.close`."""
+        self._teacher.close()
+        self._tree.close()
+
+    def _run(self, trainer: Trainer, state: TrainState | None, stop: int) -> TrainState:
+        self._active = trainer
+        return trainer.advance(state, stop)
+
+    def _beginning(self, state: TrainState) -> dict[str, Any]:
+        """Return what the training of the tree begins with, given the state of the trained teacher."""
+        spec, config, seed = self._spec, self._config, self._seed
+        policy = TrainedPolicy(spec, self._taught, seed, state)
+        budget = min(int(DISTILLING * config.total_timesteps), MOST_DISTILLING)
+        limits = Limits(config.depth, config.max_nodes or None)
+        found = distill_within(Teacher.from_outputs(spec, policy.outputs), budget, limits=limits, seed=seed)
+        tree = found.tree.prune(observations=spec.all_observations())
+        actor, warm = Start(tree, critic_warmup=0.0).fitted(spec).parameters(config, seed, spec.action_space)
+        actor = eqx.tree_at(lambda a: a.log_std, actor, np.asarray(state.networks.actor.log_std))
+        steps = jnp.int32(int(state.timestep) + found.num_steps)
+        guide = Guide(
+            steps=steps,
+            teacher_steps=jnp.int32(state.timestep),
+            teacher_return=jnp.float32(found.teacher_return),
+            random_return=jnp.float32(found.random_return),
+            tree_return=jnp.float32(found.tree_return),
+            is_distilled=jnp.bool_(found.teacher_is_better),
+            scale=state.normalizer,
+        )
+        networks = Networks(actor, state.networks.critic)
+        return {"networks": networks, "memory": state.memory, "timestep": steps, "warm": warm, "guide": guide}
+
+
+def trainer_of(spec: EnvSpec, config: Config, seed: int, start: Start | None) -> Trainer | GuidedTrainer:
+    """Return the trainer of a configuration, with a teacher if its method is "auto".
+
+    Args:
+        spec: The environment.
+        config: The configuration.
+        seed: The seed of everything random.
+        start: The tree to start from, if there is one.
+
+    Returns:
+        The trainer; it opens no environment before it is asked to advance.
+
+    Raises:
+        ConfigError: The configuration needs devices that there are not, or leaves no steps for the tree.
+    """
+    if config.method == "auto":
+        return GuidedTrainer(spec, config, seed)
+    return make_trainer(spec, config, seed, start)
+
+
+def saved_template(spec: EnvSpec, config: Config, start: Start | None, timestep: int) -> TrainState:
+    """Return a state of zeros in the form that the training has at a timestep, to load a checkpoint into.
+
+    Args:
+        spec: The environment, which is not opened.
+        config: The configuration.
+        start: The tree that the training starts from, if there is one.
+        timestep: The environment steps so far.
+
+    Returns:
+        The state.
+    """
+    is_guided = config.method == "auto"
+    if is_guided and timestep < _teacher_stops(config)[-1]:
+        config, is_guided = teacher_config(spec, config), False
+    source = spec if spec.env is None else spec.env
+    return make_loop(source, config.static(), warm=is_guided or start is not None).saved_template()
+
+
+def _teacher_stops(config: Config) -> list[int]:
+    """Return the timesteps after which the teacher is validated; the last one is the end of its training."""
+    all_stops = stops(config)
+    return all_stops[: max(1, round(TEACHING * len(all_stops)))]
