@@ -55,9 +55,8 @@ def coefficients(
         progress = state.timestep.astype(jnp.float32) / config.total_timesteps
     else:
         begun = state.guide.steps
-        progress = (state.timestep - begun).astype(jnp.float32) / jnp.maximum(
-            config.total_timesteps - begun, 1
-        )
+        own = jnp.maximum(config.total_timesteps - begun, 1)
+        progress = (state.timestep - begun).astype(jnp.float32) / own.astype(jnp.float32)
     rate = _linear(progress, hyper.lr_end_factor) * state.validation.lr_factor
     return hyper.ent_coef * _linear(progress, hyper.ent_end_factor), rate
 

@@ -94,6 +94,11 @@ class Start:
             raise ConfigError(
                 f"only a tree can start from a tree; policy is {config.policy!r}, leave start out"
             )
+        if config.method != "direct":
+            raise ConfigError(
+                f"method must be direct for a training that starts from a tree, got {config.method!r}: it needs no "
+                "teacher"
+            )
         if config.grow_splits and self.freeze:
             raise ConfigError(
                 "grow_splits must be False for a training that starts from a tree with frozen nodes, got True"

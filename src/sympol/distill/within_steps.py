@@ -2,7 +2,7 @@
 
 Dataset aggregation as in `imitate`, in few turns. Trees of several sizes are then fitted on everything collected, and
 all play the same validation episodes. The smallest tree wins whose mean return is within one standard error of the
-best one's (Breiman et al. 1984, section 3.4.3).
+best one's (Breiman et al. 1984, section 3.4.3), and not much lower whatever that error is.
 """
 
 from __future__ import annotations
@@ -13,24 +13,29 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..envs.spec import EnvSpec
 from ..play import Act, Episodes, Purpose, play
 from ..seeds import SeedStream
 from ..trees import DecisionTree
 from .cart import fit_cart
 from .dagger import draw_uniformly
-from .dataset import Limits, labelled
+from .dataset import Demonstrations, Limits, labelled
 from .imitate import iteration_seed
 from .teacher import Teacher
 from .viper import draw_by_loss, losses
 
-TURNS = 3
-"""Trees that collect observations, besides the teacher."""
+TURNS = 8
+"""Trees that collect observations, one after the other, after the teacher."""
+COLLECTING = 0.6
+"""The part of the steps in which observations are collected; by the others the tree is chosen."""
 LEAVES = (4, 8, 16, 32, 64, 128)
 """Numbers of leaves that are tried."""
 MIDDLE = 16
-"""The number of leaves where there are too few episodes to choose by."""
-FEWEST = 2
-"""Episodes of one kind from which a standard error is computed."""
+"""The number of leaves where there is no time to choose."""
+FEW = 8
+"""Episodes after which their mean length is believed; until then the number played doubles."""
+LOSS = 0.05
+"""The part of what the best tree earns above random actions that a smaller one may lose."""
 MAX_SAMPLES = 100_000
 """The most demonstrations that a tree is fitted on."""
 
@@ -62,8 +67,8 @@ def distill_within(teacher: Teacher, num_steps: int, *, limits: Limits, seed: in
 
     Args:
         teacher: The policy to imitate.
-        num_steps: Environment steps to play, about. Episodes are played to their end, at least one by the teacher,
-            one at random and one by a tree.
+        num_steps: Environment steps to play, about. Episodes are played to their end, at least one at
+            random, one by the teacher and two by trees.
         limits: Limits of the tree's size.
         seed: The same seed gives the same tree, bit for bit.
 
@@ -77,51 +82,71 @@ def distill_within(teacher: Teacher, num_steps: int, *, limits: Limits, seed: in
     spec, weighted = teacher.spec, teacher.action_values is not None
     draw = draw_by_loss if weighted else draw_uniformly
     weigh = (lambda x: losses(teacher, x)) if weighted else None
-    counter = _Counter(teacher)
-    first = counter.play(teacher, 1, seed, "distill")
-    sizes = _sizes(limits)
-    kinds = 2 + TURNS + len(sizes)
-    number = max(1, int((num_steps - counter.steps) / (kinds * max(first.lengths[0], 1))))
+    player, sizes = _Player(spec), _sizes(limits)
 
-    its = counter.play(teacher, number, iteration_seed(seed, 0), "distill")
-    by_chance = counter.play(_random(teacher, seed), number, iteration_seed(seed, 0), "distill")
-    collected = labelled(teacher, np.concatenate([first.observations, its.observations]), weigh)
-
-    def fit(turn: int, leaves: int) -> DecisionTree:
+    def fit(collected: Demonstrations, turn: int, leaves: int) -> DecisionTree:
         sample = draw(collected, MAX_SAMPLES, SeedStream(seed, turn).generator())
-        nodes = None if leaves == 0 else 2 * leaves - 1
+        nodes = 2 * leaves - 1
         return fit_cart(
             sample.observations, sample.actions, spec, seed=seed, depth=limits.depth, max_nodes=nodes
         )
 
+    share = COLLECTING * num_steps / (TURNS + 2)
+    (by_chance,) = player.play([_random(teacher, seed)], share, iteration_seed(seed, 0), "distill")
+    (played,) = player.play([teacher], share, iteration_seed(seed, 0), "distill")
+    teacher_returns, collected = played.returns, labelled(teacher, played.observations, weigh)
+    best, best_return = None, -np.inf
     for turn in range(1, TURNS + 1):
-        played = counter.play(fit(turn, sizes[-1]), number, iteration_seed(seed, turn), "distill")
-        collected = collected.joined(labelled(teacher, played.observations, weigh))
-        if counter.steps >= num_steps:
+        if turn > 1 and player.steps > COLLECTING * num_steps:
             break
-    has_room = counter.steps < num_steps and number >= FEWEST
-    sizes = sizes if has_room else sizes[: max(1, sum(leaves <= MIDDLE for leaves in sizes))][-1:]
-    trees = [fit(TURNS + 1, leaves) for leaves in sizes]
-    returns = [counter.play(tree, number, seed, "validation").returns for tree in trees]
-    chosen = _smallest(returns)
-    gained = its.returns - by_chance.returns
+        tree = fit(collected, turn, sizes[-1])
+        (played,) = player.play([tree], share, iteration_seed(seed, turn), "distill")
+        collected = collected.joined(labelled(teacher, played.observations, weigh))
+        if played.returns.mean() >= best_return:
+            best, best_return = tree, played.returns.mean()
+    left = num_steps - player.steps
+    if left < (len(sizes) + 1) * played.lengths.mean():
+        sizes, best = [min(MIDDLE, sizes[-1])], None
+    trees = [fit(collected, TURNS + 1, leaves) for leaves in sizes] + ([] if best is None else [best])
+    returns = [played.returns for played in player.play(trees, left, seed, "validation")]
+    chosen = _smallest(returns, by_chance.returns.mean())
     return Distilled(
         trees[chosen],
         float(returns[chosen].mean()),
-        float(its.returns.mean()),
+        float(teacher_returns.mean()),
         float(by_chance.returns.mean()),
-        bool(gained.mean() > _standard_error(gained)),
-        counter.steps,
+        _is_better(teacher_returns, by_chance.returns),
+        player.steps,
     )
 
 
-class _Counter:
-    """Plays episodes in the teacher's environment and counts their steps."""
+class _Player:
+    """Plays episodes in an environment and counts their steps."""
 
-    def __init__(self, teacher: Teacher) -> None:
-        self.spec, self.steps = teacher.spec, 0
+    def __init__(self, spec: EnvSpec) -> None:
+        self.spec, self.steps = spec, 0
 
     def play(
+        self,
+        policies: Sequence[DecisionTree | Teacher | Act],
+        num_steps: float,
+        seed: int,
+        purpose: Purpose,
+    ) -> list[Episodes]:
+        """Play the same episodes with several policies, as many as there is time for, and at least one."""
+        played, number = [[] for _ in policies], 0
+        while True:
+            taken = sum(int(episodes.lengths.sum()) for of_one in played for episodes in of_one)
+            has_time_for = int(number * (num_steps - taken) / taken) if number else 1
+            more = has_time_for if number >= FEW else min(has_time_for, max(number, 1))
+            if more < 1:
+                break
+            for policy, of_one in zip(policies, played, strict=True):
+                of_one.append(self._play(policy, more, SeedStream(seed, number).seed(), purpose))
+            number += more
+        return [Episodes(*map(np.concatenate, zip(*of_one, strict=True))) for of_one in played]
+
+    def _play(
         self, policy: DecisionTree | Teacher | Act, number: int, seed: int, purpose: Purpose
     ) -> Episodes:
         played = play(policy, self.spec, number, seed=seed, purpose=purpose)
@@ -140,13 +165,22 @@ def _sizes(limits: Limits) -> list[int]:
     """Return the numbers of leaves to try, at most those of the limits."""
     most = LEAVES[-1] if limits.depth is None else 2**limits.depth
     most = most if limits.max_nodes is None else min(most, (limits.max_nodes + 1) // 2)
-    return [leaves for leaves in LEAVES if leaves < most] + [min(most, LEAVES[-1])]
+    return sorted({min(leaves, most) for leaves in LEAVES})
 
 
-def _smallest(returns: Sequence[np.ndarray]) -> int:
-    """Return the first of several policies that is within a standard error of the best one, episode by episode."""
+def _smallest(returns: Sequence[np.ndarray], by_chance: float) -> int:
+    """Return the first of several policies that is about as good as the best one, episode by episode."""
     best = returns[int(np.argmax([r.mean() for r in returns]))]
-    return next(i for i, r in enumerate(returns) if (best - r).mean() <= _standard_error(best - r))
+    most = LOSS * max(0.0, best.mean() - by_chance)
+    return next(
+        i for i, r in enumerate(returns) if (best - r).mean() <= min(_standard_error(best - r), most)
+    )
+
+
+def _is_better(returns: np.ndarray, others: np.ndarray) -> bool:
+    """Return whether returns are higher than others by more than a standard error."""
+    error = np.hypot(_standard_error(returns), _standard_error(others))
+    return bool(returns.mean() - others.mean() > error)
 
 
 def _standard_error(differences: np.ndarray) -> float:
