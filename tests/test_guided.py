@@ -11,11 +11,11 @@ import sympol
 from sympol.algorithms.config import Config, ConfigError
 from sympol.algorithms.on_policy import coefficients
 from sympol.algorithms.recipe import FEWEST, recipe
+from sympol.algorithms.teaching import TEACHING, teacher_config
 from sympol.distill import Teacher
 from sympol.distill.dataset import Limits
 from sympol.distill.within_steps import _sizes, _smallest, distill_within
 from sympol.envs.registry import resolve
-from sympol.guided import TEACHING, teacher_config
 from sympol.policies.mlp import MLP
 from sympol.policies.tree import Tree
 from tests.tiny import TINY, flags, status_of
@@ -172,7 +172,7 @@ def test_the_teacher_needs_a_validation_of_its_own():
 
 def test_the_teacher_has_what_belongs_to_the_environment():
     config = auto(Ones, gamma=0.5, reward_scale=3.0, total_timesteps=8000).config
-    taught = teacher_config(resolve(Ones), config)
+    taught = teacher_config("", config)
     assert (taught.policy, taught.gamma, taught.reward_scale) == ("mlp", 0.5, 3.0)
     assert taught.total_timesteps == 4000
 

@@ -20,8 +20,9 @@ from .algorithms.normalization import warn_of_bounds
 from .algorithms.presets import DEFAULT, preset
 from .algorithms.registry import algorithm_class
 from .algorithms.state import TrainState
-from .algorithms.trainer import Trainer, stops
+from .algorithms.trainer import Trainer
 from .algorithms.warm_start import Start, start_of
+from .algorithms.work import stops
 from .compilation import use_disk_cache
 from .envs.diagnostics import warn_of_cut
 from .envs.registry import resolve

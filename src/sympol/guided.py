@@ -21,52 +21,15 @@ import numpy as np
 
 from .algorithms.config import Config
 from .algorithms.knobs import ConfigError
-from .algorithms.presets import preset
 from .algorithms.state import Guide, Networks, TrainState
-from .algorithms.trainer import Trainer, make_loop, make_trainer, stops
+from .algorithms.teaching import distilling_steps, teacher_config, teacher_stops
+from .algorithms.trainer import Trainer, make_loop, make_trainer
 from .algorithms.warm_start import Start
 from .distill.dataset import Limits
 from .distill.teacher import Teacher
 from .distill.within_steps import distill_within
 from .envs.spec import EnvSpec
 from .trained_policy import TrainedPolicy
-
-TEACHING = 0.5
-"""The part of the steps for which the teacher is trained."""
-DISTILLING = 0.15
-"""The part of the steps for which teacher and trees play episodes to distill from."""
-MOST_DISTILLING = 100_000
-"""The most steps of these episodes."""
-_SHARED = (
-    *(
-        "algorithm",
-        "num_envs",
-        "num_devices",
-        "num_eval_episodes",
-        "eval_share",
-        "normalize_obs",
-        "trust_bounds",
-    ),
-    *("scale_actions", "normalize_returns", "gamma", "reward_scale", "critic_hidden", "log_std_init"),
-)
-"""Fields of the config that are the teacher's, too."""
-
-
-def teacher_config(spec: EnvSpec, config: Config) -> Config:
-    """Return the configuration of the teacher.
-
-    Args:
-        spec: The environment.
-        config: The configuration of the whole training.
-
-    Returns:
-        The configuration of an MLP that is trained for the first part of the steps.
-    """
-    first = _teacher_stops(config)
-    given = {name: getattr(config, name) for name in _SHARED}
-    given |= {"policy": "mlp", "total_timesteps": first[-1], "num_evals": len(first)}
-    values = preset(spec.preset_id, policy="mlp", algorithm=config.algorithm, given=given)
-    return Config.from_dict({**values, **given})
 
 
 class GuidedTrainer:
@@ -79,13 +42,13 @@ class GuidedTrainer:
     """
 
     def __init__(self, spec: EnvSpec, config: Config, seed: int) -> None:
-        if _teacher_stops(config)[-1] >= config.total_timesteps:
+        if teacher_stops(config)[-1] >= config.total_timesteps:
             raise ConfigError(
                 f"num_evals must be at least 2 with method auto, got {config.num_evals}: the teacher is validated "
                 "before a tree is distilled from it"
             )
         self._spec, self._config, self._seed = spec, config, seed
-        self._taught = teacher_config(spec, config)
+        self._taught = teacher_config(spec.preset_id, config)
         self._teacher = make_trainer(spec, self._taught, seed)
         self._tree = make_trainer(spec, config, seed, guided=True)
         self._active = self._teacher
@@ -139,9 +102,10 @@ class GuidedTrainer:
         """Return what the training of the tree begins with, given the state of the trained teacher."""
         spec, config, seed = self._spec, self._config, self._seed
         policy = TrainedPolicy(spec, self._taught, seed, state)
-        budget = min(int(DISTILLING * config.total_timesteps), MOST_DISTILLING)
         limits = Limits(config.depth, config.max_nodes or None)
-        found = distill_within(Teacher.from_outputs(spec, policy.outputs), budget, limits=limits, seed=seed)
+        found = distill_within(
+            Teacher.from_outputs(spec, policy.outputs), distilling_steps(config), limits=limits, seed=seed
+        )
         tree = found.tree.prune(observations=spec.all_observations())
         actor, warm = Start(tree, critic_warmup=0.0).fitted(spec).parameters(config, seed, spec.action_space)
         actor = eqx.tree_at(lambda a: a.log_std, actor, np.asarray(state.networks.actor.log_std))
@@ -192,13 +156,7 @@ def saved_template(spec: EnvSpec, config: Config, start: Start | None, timestep:
         The state.
     """
     is_guided = config.method == "auto"
-    if is_guided and timestep < _teacher_stops(config)[-1]:
-        config, is_guided = teacher_config(spec, config), False
+    if is_guided and timestep < teacher_stops(config)[-1]:
+        config, is_guided = teacher_config(spec.preset_id, config), False
     source = spec if spec.env is None else spec.env
     return make_loop(source, config.static(), warm=is_guided or start is not None).saved_template()
-
-
-def _teacher_stops(config: Config) -> list[int]:
-    """Return the timesteps after which the teacher is validated; the last one is the end of its training."""
-    all_stops = stops(config)
-    return all_stops[: max(1, round(TEACHING * len(all_stops)))]

@@ -25,7 +25,8 @@ import numpy as np
 
 from sympol.algorithms.config import Config
 from sympol.algorithms.presets import preset
-from sympol.algorithms.trainer import Trainer, make_loop, stops
+from sympol.algorithms.trainer import Trainer, make_loop
+from sympol.algorithms.work import stops
 from sympol.envs.registry import resolve
 
 from .rivals.environment import train

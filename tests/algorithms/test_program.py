@@ -14,7 +14,8 @@ import sympol.algorithms.trainer as trainer_module
 from sympol.algorithms.config import Config, Hyperparameters, applies
 from sympol.algorithms.initialization import purpose_key
 from sympol.algorithms.state import TrainState
-from sympol.algorithms.trainer import Trainer, stops
+from sympol.algorithms.trainer import Trainer
+from sympol.algorithms.work import stops
 from sympol.envs.classic.cartpole import CartPole
 from tests.algorithms.programs import CARTPOLE, CONFIG, segment_of
 

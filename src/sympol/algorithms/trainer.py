@@ -23,12 +23,6 @@ from .state import TrainState
 from .warm_start import Start
 
 
-def stops(config: Config) -> list[int]:
-    """Return the timesteps after which a training validates, reports and is saved."""
-    evenly = np.linspace(0, config.total_timesteps, config.num_evals + 1)[1:]
-    return sorted({int(np.ceil(stop)) for stop in evenly})
-
-
 def make_loop(source: Env | EnvSpec, config: Config, *, warm: bool = False, mesh: Mesh | None = None) -> Loop:
     """Return the training loop of an environment.
 

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from .config import Config
 from .growth import stage
+
+
+def stops(config: Config) -> list[int]:
+    """Return the timesteps after which a training validates, reports and is saved."""
+    evenly = np.linspace(0, config.total_timesteps, config.num_evals + 1)[1:]
+    return sorted({int(np.ceil(stop)) for stop in evenly})
 
 
 class Work(NamedTuple):
@@ -24,17 +32,19 @@ class Work(NamedTuple):
     validation_episodes: int
 
 
-def work_of(config: Config) -> Work:
+def work_of(config: Config, teacher: Config | None = None) -> Work:
     """Count what a training with a config does.
 
     Args:
         config: The config.
+        teacher: The config of its teacher, if it has one; distillation is counted as a part of the tree's training.
 
     Returns:
         The counts; those of another algorithm than PPO count one optimizer step for each rollout. What is used to scale
         features at first is counted as a rollout that is learnt from.
     """
-    rollouts = updates = timestep = 0
+    rollouts, updates = (0, 0) if teacher is None else work_of(teacher)[:2]
+    timestep = 0 if teacher is None else teacher.total_timesteps
     while timestep < config.total_timesteps:
         growth = stage(timestep, config.total_timesteps, config.max_stage)
         if config.algorithm == "ppo":

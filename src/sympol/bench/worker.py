@@ -16,7 +16,7 @@ import jax
 from .. import files
 from ..agents import Agent, Report
 from ..algorithms.metrics import metrics_of, require_finite
-from ..algorithms.trainer import stops
+from ..algorithms.work import stops
 from ..compilation import use_disk_cache
 from ..distill import distill
 from ..guided import trainer_of

@@ -13,9 +13,11 @@ import tyro
 from ..algorithms.presets import DEFAULT
 from .arguments import EnvKwargs, Text, env_kwargs, parse
 from .console import out, print_error, print_steps, program
+from .summary import with_teacher
 
 if TYPE_CHECKING:
     from ..algorithms.config import Config
+    from ..algorithms.work import Work
     from ..envs.inspection import Inspection
     from ..envs.problems import Problem
     from ..envs.spec import EnvSpec
@@ -199,9 +201,8 @@ def _measured(seen: Inspection) -> list[tuple[str, str]]:
 
 def _planned(seen: Inspection, config: Config, preset: str) -> list[tuple[str, str]]:
     from ..algorithms.presets import presets_of
-    from ..algorithms.work import work_of
 
-    spec, work = seen.spec, work_of(config)
+    spec, work = seen.spec, _work(seen.spec, config)
     known = preset != DEFAULT or bool(presets_of(spec.preset_id) if spec.preset_id else {})
     source = (
         f"the preset {preset} of {spec.name}" if known else "the defaults for environments without a preset"
@@ -217,7 +218,7 @@ def _planned(seen: Inspection, config: Config, preset: str) -> list[tuple[str, s
             "recipe",
             f"{source}: a tree of depth {config.depth} by {config.algorithm.upper()}, "
             f"{config.total_timesteps:,} steps in "
-            f"{config.num_envs} copies, {work.optimizer_steps:,} optimizer steps",
+            f"{config.num_envs} copies, {work.optimizer_steps:,} optimizer steps{with_teacher(config)}",
         ),
         ("validation", f"{work.validations} times {at_most}{config.num_eval_episodes} episodes{beside}"),
     ]
@@ -227,9 +228,14 @@ def _planned(seen: Inspection, config: Config, preset: str) -> list[tuple[str, s
     return plan
 
 
-def _fields(seen: Inspection, config: Config, found: Sequence[Problem]) -> dict[str, Any]:
+def _work(spec: EnvSpec, config: Config) -> Work:
+    from ..algorithms.teaching import teacher_config
     from ..algorithms.work import work_of
 
+    return work_of(config, teacher_config(spec.preset_id, config) if config.method == "auto" else None)
+
+
+def _fields(seen: Inspection, config: Config, found: Sequence[Problem]) -> dict[str, Any]:
     spec = seen.spec
     return {
         "env": spec.name,
@@ -244,7 +250,7 @@ def _fields(seen: Inspection, config: Config, found: Sequence[Problem]) -> dict[
         "random_returns": seen.episodes.returns,
         "episode_lengths": seen.episodes.lengths,
         "config": config.to_dict(),
-        **work_of(config)._asdict(),
+        **_work(spec, config)._asdict(),
         "wrong": [problem.text for problem in found if problem.kind == "wrong"],
         "notes": [problem.text for problem in found if problem.kind != "wrong"],
     }

@@ -22,7 +22,7 @@ from ..runs.metrics import TensorBoard
 from ..runs.run import Run
 from ..training import finish, save_into
 from .console import err, out, print_error, print_stopped
-from .summary import format_summary, print_next
+from .summary import format_summary, print_next, with_teacher
 
 EVAL_SEED = 1
 """Seed of the test episodes at the end of a training, from which training and validation seeds differ."""
@@ -109,7 +109,7 @@ def _what(agent: Agent) -> str:
     begun = "" if agent.start is None else f" from {agent.start.origin}"
     hidden = " × ".join(str(width) for width in config.actor_hidden)
     return {
-        "tree": f"a tree of depth {config.depth}{_limit(config)}{begun}{_with_teacher(config)}",
+        "tree": f"a tree of depth {config.depth}{_limit(config)}{begun}{with_teacher(config)}",
         "sdt": f"a soft tree of depth {config.depth}",
         "mlp": f"an MLP ({hidden})",
     }[config.policy]
@@ -119,10 +119,6 @@ def _limit(config: Config) -> str:
     """Return the size limits as text."""
     most = f", at most {config.max_nodes:,} nodes" if config.max_nodes else ""
     return most + (f", a return of {config.node_price:g} a node" if config.node_price else "")
-
-
-def _with_teacher(config: Config) -> str:
-    return ", after an MLP that is its teacher (--method direct: without)" if config.method == "auto" else ""
 
 
 def _through(spec: EnvSpec) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
+from ..algorithms.config import Config
 from ..runs.formatting import decimals
 from ..runs.metadata import RunError
 from ..runs.run import Run
@@ -58,6 +59,11 @@ def _lines(summary: dict[str, Any]) -> str:
     if "distill_seconds" in summary:
         lines.append(f"time     {summary['distill_seconds']:.1f} s")
     return "\n".join(lines)
+
+
+def with_teacher(config: Config) -> str:
+    """Return the words about the teacher of a training, if it has one."""
+    return ", after an MLP that is its teacher (--method direct: without)" if config.method == "auto" else ""
 
 
 def _guide(guide: dict[str, Any]) -> str:

@@ -172,9 +172,7 @@ def _smallest(returns: Sequence[np.ndarray], by_chance: float) -> int:
     """Return the first of several policies that is about as good as the best one, episode by episode."""
     best = returns[int(np.argmax([r.mean() for r in returns]))]
     most = LOSS * max(0.0, best.mean() - by_chance)
-    return next(
-        i for i, r in enumerate(returns) if (best - r).mean() <= min(_standard_error(best - r), most)
-    )
+    return next(i for i, r in enumerate(returns) if (best - r).mean() <= min(_standard_error(best - r), most))
 
 
 def _is_better(returns: np.ndarray, others: np.ndarray) -> bool:

@@ -26,7 +26,7 @@ from jaxtyping import Float32, Int32
 
 from ..algorithms.config import Config
 from ..algorithms.state import TrainState
-from ..algorithms.trainer import stops
+from ..algorithms.work import stops
 from ..envs.spec import EnvSpec
 from ..policies.action_units import multiply_outputs, units_and_centers
 from ..policies.extract import extract_tree
