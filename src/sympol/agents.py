@@ -30,7 +30,6 @@ from .envs.spec import Backend, EnvSpec, warn_of_one_copy
 from .guided import GuidedTrainer, saved_template, trainer_of
 from .play import draw, fitted_actions
 from .policies.actor import Actor
-from .policies.tree import Tree
 from .runs.progress import ProgressBar
 from .runs.run import Run
 from .search.size_limit import is_due, mask_state
@@ -319,9 +318,7 @@ class Agent(abc.ABC):
     @property
     def has_tree(self) -> bool:
         """True where the policy is a tree, so that `tree` returns it; with method "auto" not before it is distilled."""
-        return self.config.policy == "tree" and (
-            self.state is None or isinstance(self.state.networks.actor, Tree)
-        )
+        return self.policy.is_tree
 
     def tree(self, *, prune: bool = True) -> DecisionTree:
         """Return the policy as a tree: the best one validated, or without ``select_best`` the last.

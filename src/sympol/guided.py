@@ -13,6 +13,7 @@ step that the teacher or the distillation takes counts.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -26,10 +27,15 @@ from .algorithms.teaching import distilling_steps, teacher_config, teacher_stops
 from .algorithms.trainer import Trainer, make_loop, make_trainer
 from .algorithms.warm_start import Start
 from .distill.dataset import Limits
-from .distill.teacher import Teacher
+from .distill.teacher import Teacher, log_softmax
 from .distill.within_steps import distill_within
 from .envs.spec import EnvSpec
 from .trained_policy import TrainedPolicy
+from .trees import DecisionTree
+from .trees.actions import BoxActions, MultiDiscreteActions
+
+EXPLORED = 0.05
+"""The part of a uniform distribution that every action of a leaf of the distilled tree has at least."""
 
 
 class GuidedTrainer:
@@ -107,7 +113,11 @@ class GuidedTrainer:
             Teacher.from_outputs(spec, policy.outputs), distilling_steps(config), limits=limits, seed=seed
         )
         tree = found.tree.prune(observations=spec.all_observations())
-        actor, warm = Start(tree, critic_warmup=0.0).fitted(spec).parameters(config, seed, spec.action_space)
+        actor, warm = (
+            Start(with_exploration(tree), confidence=1.0, critic_warmup=0.0)
+            .fitted(spec)
+            .parameters(config, seed, spec.action_space)
+        )
         actor = eqx.tree_at(lambda a: a.log_std, actor, np.asarray(state.networks.actor.log_std))
         steps = jnp.int32(int(state.timestep) + found.num_steps)
         guide = Guide(
@@ -120,7 +130,8 @@ class GuidedTrainer:
             scale=state.normalizer,
         )
         networks = Networks(actor, state.networks.critic)
-        return {"networks": networks, "memory": state.memory, "timestep": steps, "warm": warm, "guide": guide}
+        memory = self._tree.template().memory._replace(returns=state.memory.returns)
+        return {"networks": networks, "memory": memory, "timestep": steps, "warm": warm, "guide": guide}
 
 
 def trainer_of(spec: EnvSpec, config: Config, seed: int, start: Start | None) -> Trainer | GuidedTrainer:
@@ -160,3 +171,24 @@ def saved_template(spec: EnvSpec, config: Config, start: Start | None, timestep:
         config, is_guided = teacher_config(spec.preset_id, config), False
     source = spec if spec.env is None else spec.env
     return make_loop(source, config.static(), warm=is_guided or start is not None).saved_template()
+
+
+def with_exploration(tree: DecisionTree) -> DecisionTree:
+    """Return a tree whose leaves give no action less than `EXPLORED` of its share in a uniform distribution.
+
+    A leaf in which the teacher never took an action would never try it.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        The tree, with the same best actions; one of continuous actions is returned as it is.
+    """
+    actions = tree.actions
+    if isinstance(actions, BoxActions):
+        return tree
+    outputs = tree.leaf_outputs.astype(np.float64)
+    parts = actions.split(outputs) if isinstance(actions, MultiDiscreteActions) else [outputs]
+    floors = [np.log(EXPLORED / part.shape[1]) for part in parts]
+    raised = [np.maximum(log_softmax(part), floor) for part, floor in zip(parts, floors, strict=True)]
+    return replace(tree, value=np.where(tree.is_leaf[:, None], np.concatenate(raised, axis=1), 0))

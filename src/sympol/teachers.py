@@ -59,7 +59,6 @@ def distill_policy(
         ValueError: The method does not fit the teacher, the teacher does not fit the environment or returns invalid
             actions, or an option is out of bounds.
         TypeError: The object cannot be a teacher.
-        ImportError: scikit-learn is not installed.
         RuntimeError: The agent has learnt nothing yet.
     """
     asked = as_teacher(teacher, env)

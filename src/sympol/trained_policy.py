@@ -54,6 +54,13 @@ class TrainedPolicy:
         return self._state is state
 
     @property
+    def is_tree(self) -> bool:
+        """True where the policy is a tree; with method "auto" it is a teacher at first."""
+        if self._state is None:
+            return self.config.policy == "tree"
+        return isinstance(self._state.networks.actor, Tree)
+
+    @property
     def state(self) -> TrainState:
         """The state of the training.
 
@@ -101,7 +108,7 @@ class TrainedPolicy:
         Returns:
             The outputs ``[batch, outputs]``.
         """
-        if isinstance(self.actor, Tree):
+        if self.is_tree:
             return self.full_tree.outputs(x)
         return outputs(self.actor, self.state.normalizer, x)
 

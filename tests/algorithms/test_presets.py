@@ -72,8 +72,7 @@ def test_an_environment_without_a_file_gets_the_defaults_of_any(algorithm, polic
     assert presets_of("Nowhere-v0", **which) == {}
     assert preset("Nowhere-v0", **which) == preset(ANY, **which)
     Config.from_dict({**which, **preset("Nowhere-v0", **which)})
-    if (algorithm, policy) != ("ppo", "tree"):  # whose rollouts grow
-        assert preset("Nowhere-v0", **which)["dynamic_rollout"] is False
+    assert preset("Nowhere-v0", **which)["dynamic_rollout"] is False
     with pytest.raises(
         ConfigError, match=rf"no preset 'paper' for {algorithm} with {policy}; it has none but"
     ):
@@ -87,7 +86,7 @@ def test_a_default_of_its_own_goes_before_that_of_any(env, algorithm, policy):
     which = {"algorithm": algorithm, "policy": policy}
     default = presets_of(env, **which).get("default", presets_of(ANY, **which).get("default"))
     if default is None:  # for which there is a recipe
-        default = recipe({})
+        default = recipe({}, policy=policy)
     assert preset(env, **which) == {k: v for k, v in default.items() if k != "source"}
     Config.from_dict({**which, **preset(env, **which)})
 

@@ -62,5 +62,5 @@ def test_a_training_keeps_the_scale_in_its_memory(algorithm):
     make = sympol.PPO if algorithm == "ppo" else sympol.A2C
     agent = make("tree", "CartPole-v1", normalize_returns=True, **config).learn(progress_bar=False)
     assert agent.state is not None
-    assert int(agent.state.memory.num_rollouts) > 0
-    assert np.isfinite(float(agent.state.memory.mean))
+    assert int(agent.state.memory.returns.num_rollouts) > 0
+    assert np.isfinite(float(agent.state.memory.returns.mean))

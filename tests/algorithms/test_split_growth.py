@@ -13,6 +13,7 @@ from sympol.algorithms.config import Config, ConfigError
 from sympol.algorithms.recipe import recipe
 from sympol.algorithms.split_growth import FEWEST, closed, output_gradients
 from sympol.algorithms.warm_start import Start
+from sympol.envs.registry import resolve
 from sympol.policies.distributions import Categorical, DiagonalGaussian
 from sympol.policies.tree import MASKED, Tree
 from sympol.search.size_limit import extract_unmasked
@@ -195,9 +196,22 @@ def test_pruning_by_price_and_growth_exclude_each_other():
         Config(grow_splits=True, node_price=1.0)
 
 
-def test_a_training_that_starts_from_a_tree_does_not_grow():
+def test_a_tree_with_frozen_nodes_does_not_grow():
     with pytest.raises(ConfigError, match="grow_splits must be False"):
-        Start(extracted(leaf_tree())).check(Config(grow_splits=True))
+        Start(extracted(leaf_tree()), freeze=(0,)).check(Config(grow_splits=True))
+
+
+def test_a_training_that_starts_from_a_tree_has_no_other_nodes_at_first():
+    spec = resolve("CartPole-v1")
+    names = {"actions": spec.actions, **spec.features.metadata()}
+    start = sympol.DecisionTree.from_complete(np.array([2]), np.array([0.0]), np.eye(2), **names)
+    sizes = []
+    agent = sympol.PPO("tree", "CartPole-v1", start=start, **{**TINY, "grow_splits": True})
+    agent.learn(
+        progress_bar=False, callback=lambda report: sizes.append(report.agent.tree(prune=False).n_nodes)
+    )
+    assert sizes[0] == 3
+    assert 3 < max(sizes) <= 15
 
 
 @pytest.mark.parametrize("steps", [10_000, 50_000, 200_000, 1_000_000, 10_000_000])
@@ -211,8 +225,9 @@ def test_the_recipe_follows_the_budget(steps):
 
 def test_the_recipe_follows_what_the_user_chose():
     one = Config.from_dict({**recipe({"num_envs": 1, "total_timesteps": 100_000}), "num_envs": 1})
-    assert one.chunk_size == 2048
+    assert one.chunk_size == 1024
     assert recipe({"num_eval_episodes": 7})["eval_share"] == 0
+    assert recipe({})["eval_share"] > 0
     assert not recipe({"node_price": 1.0}).get("grow_splits", False)
     assert not recipe({}, from_tree=True).get("grow_splits", False)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -185,12 +184,6 @@ def test_a_tree_of_other_features_and_observations_that_are_not_finite_are_refus
     x = np.array([[0, 0, 0, 0], [np.nan, 0, 0, 0]], np.float32)
     with pytest.raises(ValueError, match=r"CartPole-v1 returned the observation \[nan, .* not finite"):
         fit_cart(x, np.array([0, 1]), CARTPOLE, depth=1, seed=0)
-
-
-def test_without_scikit_learn_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(sys.modules, "sklearn.tree", None)
-    with pytest.raises(ImportError, match=r"pip install 'sympol\[bench\]'"):
-        fit_cart(np.zeros((1, 4), np.float32), np.zeros(1, int), CARTPOLE, depth=1, seed=0)
 
 
 @pytest.mark.parametrize("unit", [1e-4, 1e-7, 1e-30])

@@ -239,9 +239,3 @@ def test_sklearn_keeps_an_action_whose_probability_ties():
         feature_names=["x"],
     )
     assert tree.to_sklearn().predict([[0.0]]).tolist() == tree.predict([[0.0]]).tolist() == [1]
-
-
-def test_without_sklearn_the_error_names_the_remedy(cartpole, monkeypatch):
-    monkeypatch.setitem(sys.modules, "sklearn.tree", None)
-    with pytest.raises(ImportError, match=r"pip install 'sympol\[sklearn\]'"):
-        cartpole.to_sklearn()

@@ -14,6 +14,7 @@ from ..policies.distributions import Distribution
 from ..types import Action, Transition
 from .algorithm import Algorithm, Experience
 from .config import Config, Hyperparameters
+from .evidence import Evidence
 from .optim import Networks
 from .return_scale import ReturnScale, rescale_critic
 from .split_growth import grow, output_gradients
@@ -66,12 +67,25 @@ def _linear(progress: Float[Array, ""], end_factor: Float[Array, ""]) -> Float[A
     return 1 + (end_factor - 1) * jnp.clip(progress, 0, 1)
 
 
+class Memory(NamedTuple):
+    """What is kept beside the networks.
+
+    Attributes:
+        returns: The scale of the critic, if returns are normalized.
+        evidence: Samples of the last rollouts, if splits grow out of several.
+    """
+
+    returns: ReturnScale | None
+    evidence: Evidence | None
+
+
 class OnPolicy(Algorithm):
     """An algorithm that learns from each rollout once, with a critic of state values."""
 
-    def init_memory(self, networks: Networks) -> ReturnScale | None:
-        """Return the scale of the critic before the first rollout, if returns are normalized."""
-        return ReturnScale.zeros() if self.config.normalize_returns else None
+    def init_memory(self, networks: Networks) -> Memory:
+        """Return what is kept before the first rollout."""
+        returns = ReturnScale.zeros() if self.config.normalize_returns else None
+        return Memory(returns, Evidence.zeros(self.config, self.num_features, self.distribution.num_outputs))
 
     def grown(self, state: TrainState, batch: Batch, stage: Int[Array, ""]) -> TrainState:
         """Return the state after its tree has grown (`split_growth`), if it does.
@@ -89,8 +103,18 @@ class OnPolicy(Algorithm):
             return state
         gradients = output_gradients(self.distribution, actor, batch.x, batch.action, batch.advantage)
         limit = self.config.max_nodes or 2 ** (self.config.depth + 1)
-        actor = grow(actor, batch.x, gradients, self.config.chunk_size << stage, (limit + 1) // 2)
-        return state._replace(networks=state.networks._replace(actor=actor))
+        memory, most_leaves = state.memory, (limit + 1) // 2
+        if memory.evidence is None:
+            actor = grow(actor, batch.x, gradients, self.config.chunk_size << stage, most_leaves)
+        else:
+            evidence = memory.evidence.with_rollout(batch.x, gradients)
+            memory = memory._replace(evidence=evidence)
+            actor = jax.lax.cond(
+                evidence.is_new(batch.x.shape[0]),
+                lambda: grow(actor, evidence.x, evidence.gradients, evidence.x.shape[0], most_leaves),
+                lambda: actor,
+            )
+        return state._replace(networks=state.networks._replace(actor=actor), memory=memory)
 
 
 def make_batch(
@@ -113,7 +137,7 @@ def make_batch(
         One row for each sample of the buffer, where rows beyond the valid chunks mean nothing; and the state to learn
         from them, whose critic has the scale of the value targets.
     """
-    networks, returns = state.networks, state.memory if config.normalize_returns else None
+    networks, returns = state.networks, state.memory.returns if config.normalize_returns else None
     rollout, next_x, num_chunks = experience.rollout, experience.next_x, experience.num_chunks
     max_chunks, chunk_steps, num_envs = rollout.reward.shape
     policy, log_std = networks.actor.rollout(), networks.actor.log_std
@@ -171,7 +195,8 @@ def make_batch(
     if returns is not None:
         moved = returns.after(sums[0] / count, sums[1] / count, sums[2])
         critic = rescale_critic(networks.critic, returns, moved)
-        state = state._replace(networks=networks._replace(critic=critic), memory=moved)
+        memory = state.memory._replace(returns=moved)
+        state = state._replace(networks=networks._replace(critic=critic), memory=memory)
         target = moved.to_output(target)
     if config.norm_adv:
         mean, square = (m / count for m in moments)

@@ -83,6 +83,7 @@ def recipe(given: Mapping[str, Any], *, policy: str = "tree", from_tree: bool = 
         "method": "auto",
         **_rollouts(given, total_timesteps / MORE_ROLLOUTS, grow=False),
         "ent_coef": 0.01,
+        "learning_rate_leaf_values": 0.01,
     }
 
 

@@ -100,7 +100,8 @@ def grow(
     leaf = leaf_index(*select(tree.feature_logits, tree.thresholds), x)
     leaf = jnp.where(jnp.arange(batch) < num_valid, leaf, num_leaves)  # out of range: dropped
 
-    edges = jnp.sort(x, axis=0)[(jnp.arange(NUM_EDGES) * batch) // NUM_EDGES]
+    meant = x[jnp.arange(batch) % num_valid]
+    edges = jnp.sort(meant, axis=0)[(jnp.arange(NUM_EDGES) * batch) // NUM_EDGES]
     gain, at = _best_splits(leaf, x, gradients, edges, num_leaves)
     feature, edge = at // NUM_EDGES, at % NUM_EDGES
     level = edges[edge, feature]

@@ -1,4 +1,4 @@
-"""How the steps of a training with a teacher are divided, and the config of the teacher. Nothing here imports JAX."""
+"""The parts of a training with a teacher: how its steps are divided, and the teacher's config. No JAX is needed."""
 
 from __future__ import annotations
 

@@ -259,7 +259,8 @@ def install_teacher(state: TrainState, given: TrainState) -> TrainState:
     begun = install_actor(state, given.networks.actor, given.warm)
     begun = tree_where(given.guide.is_distilled, begun, state._replace(warm=given.warm))
     networks = begun.networks._replace(critic=given.networks.critic)
-    return begun._replace(networks=networks, memory=given.memory, timestep=given.timestep, guide=given.guide)
+    memory = begun.memory._replace(returns=given.memory.returns)
+    return begun._replace(networks=networks, memory=memory, timestep=given.timestep, guide=given.guide)
 
 
 def _all_below(leaves: Bool[np.ndarray, " leaves"]) -> Bool[np.ndarray, " inner"]:

@@ -54,7 +54,6 @@ def distill(
 
     Raises:
         ValueError: no such method, an option that it lacks, or an argument that the method refuses.
-        ImportError: scikit-learn is not installed.
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")

@@ -36,15 +36,10 @@ def fit_cart(
     nodes is limited the tree grows where that gains most, and not level by level.
 
     Raises:
-        ImportError: scikit-learn is not installed.
         ValueError: an observation that is not finite: CART cannot sort it.
     """
-    try:
-        from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
-    except ImportError as error:
-        raise ImportError(
-            "distilling a tree needs scikit-learn, which is not installed; install it: pip install 'sympol[bench]'"
-        ) from error
+    from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
+
     finite = np.isfinite(x).all(axis=1)
     if not finite.all():
         raise ValueError(

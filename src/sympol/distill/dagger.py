@@ -45,7 +45,6 @@ def dagger(
 
     Raises:
         ValueError: an argument out of bounds, or a teacher whose answers do not fit.
-        ImportError: scikit-learn is not installed.
     """
     schedule = Schedule(num_iterations, episodes_per_iteration, max_samples, num_validation_episodes)
     return imitate(

@@ -31,7 +31,6 @@ def sa_dt(
 
     Raises:
         ValueError: an argument out of bounds, or a teacher whose answers do not fit.
-        ImportError: scikit-learn is not installed.
     """
     limits = Limits.of(depth, max_nodes)
     seen = demonstrations(teacher, num_episodes, seed)

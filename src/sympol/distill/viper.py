@@ -48,7 +48,6 @@ def viper(
     Raises:
         ValueError: continuous actions, a teacher without action values, an argument out of bounds, or a teacher
             whose answers do not fit.
-        ImportError: scikit-learn is not installed.
     """
     actions = teacher.spec.actions
     if isinstance(actions, BoxActions):

@@ -77,7 +77,6 @@ def distill_within(teacher: Teacher, num_steps: int, *, limits: Limits, seed: in
 
     Raises:
         ValueError: The teacher's answers do not fit.
-        ImportError: scikit-learn is not installed.
     """
     spec, weighted = teacher.spec, teacher.action_values is not None
     draw = draw_by_loss if weighted else draw_uniformly

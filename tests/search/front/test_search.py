@@ -129,9 +129,7 @@ def test_a_killed_search_resumes(tmp_path):
 
 
 def test_a_method_without_its_library_is_refused_before_anything_is_done(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        sympol.search.front.search, "LIBRARIES", {"scikit-learn": "sklearn", "pycma": "no_such_module"}
-    )
+    monkeypatch.setattr(sympol.search.front.search, "LIBRARIES", {"pycma": "no_such_module"})
     with pytest.raises(RunError, match=r"needs pycma, not installed here: pip install 'sympol\[bench\]'"):
         begin(SearchConfig("CartPole-v1"), tmp_path / "front")
     assert not (tmp_path / "front").exists()

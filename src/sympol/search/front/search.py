@@ -35,8 +35,8 @@ from .selection import select_front, test_points
 
 CONFIG = "plan.json"
 """The file of a search's configuration."""
-LIBRARIES = {"scikit-learn": "sklearn", "pycma": "cma"}
-"""Libraries that distillation needs, and their modules."""
+LIBRARIES = {"pycma": "cma"}
+"""Libraries that fine-tuning needs, and their modules."""
 Watch: TypeAlias = Callable[[str, float], object]
 """Called with the name of the phase that begins, and the seconds of the search so far."""
 

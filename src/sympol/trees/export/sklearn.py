@@ -34,15 +34,9 @@ def to_sklearn(tree: BaseTree, *, names: bool = True) -> DecisionTreeClassifier 
 
     Returns:
         A fitted classifier or regressor.
-
-    Raises:
-        ImportError: if scikit-learn is not installed.
     """
-    try:
-        from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
-        from sklearn.tree._tree import Tree
-    except ImportError as error:
-        raise ImportError("to_sklearn needs scikit-learn: pip install 'sympol[sklearn]'") from error
+    from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
+    from sklearn.tree._tree import Tree
 
     actions = tree.actions
     value = _leaf_values(tree)
