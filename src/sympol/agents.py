@@ -175,7 +175,8 @@ class Agent(abc.ABC):
             progress_bar: Whether to show progress on the terminal.
 
         Returns:
-            The agent itself.
+            The agent itself. With method "auto" there is no tree before the teacher is trained (`has_tree`), and the
+            first reports are about the teacher.
 
         Raises:
             ConfigError: The training does not fit into memory; nothing has been trained.
@@ -234,7 +235,7 @@ class Agent(abc.ABC):
                 warn_of_cut(self.spec.name, "validation", trainer.limit)
                 self._said_cut = True
             metrics = metrics_of(self.state, elapsed, (self.num_timesteps - first) / elapsed)
-            bar.update(metrics)
+            bar.update(metrics, "" if self.has_tree or self.config.method == "direct" else "teacher's ")
             report = Report(self, self.num_timesteps, self.config.total_timesteps, metrics)
             if any([_ends_training(c(report)) for c in callbacks]):
                 return

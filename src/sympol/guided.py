@@ -34,7 +34,7 @@ from .trained_policy import TrainedPolicy
 from .trees import DecisionTree
 from .trees.actions import BoxActions, MultiDiscreteActions
 
-EXPLORED = 0.05
+EXPLORED = 0.2
 """The part of a uniform distribution that every action of a leaf of the distilled tree has at least."""
 
 

@@ -82,7 +82,7 @@ def recipe(given: Mapping[str, Any], *, policy: str = "tree", from_tree: bool = 
     return fields | {
         "method": "auto",
         **_rollouts(given, total_timesteps / MORE_ROLLOUTS, grow=False),
-        "ent_coef": 0.01,
+        "ent_coef": 0.02,
         "learning_rate_leaf_values": 0.01,
     }
 
@@ -91,7 +91,7 @@ def _rollouts(given: Mapping[str, Any], wanted: float, *, grow: bool) -> dict[st
     """Return how many environments there are, and how many steps each takes, for first rollouts of about a size."""
     total_timesteps = whole(given.get("total_timesteps")) or Config.total_timesteps
     first = min(max(_power_of_two(wanted), SMALLEST), LARGEST, total_timesteps)
-    num_envs = whole(given.get("num_envs")) or (16 if first <= 1024 else Config.num_envs)
+    num_envs = whole(given.get("num_envs")) or (16 if first <= 2048 else Config.num_envs)
     num_steps = max(1, first // num_envs)
     if not grow:
         return {"num_envs": num_envs, "num_steps": num_steps, "dynamic_rollout": False}

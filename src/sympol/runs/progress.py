@@ -37,13 +37,18 @@ class ProgressBar:
         note = "compiling (the first time takes a few seconds)"
         self._task = self._progress.add_task("training", total=total, completed=done, note=note)
 
-    def update(self, metrics: Mapping[str, float]) -> None:
-        """Show the newest numbers."""
+    def update(self, metrics: Mapping[str, float], whose: str = "") -> None:
+        """Show the newest numbers.
+
+        Args:
+            metrics: The metrics.
+            whose: Words before "return", if the policy is not the one that is wanted.
+        """
         earned, fps = metrics["eval/mean_reward"], metrics["time/fps"]
         self._progress.update(
             self._task,
             completed=min(int(metrics["time/total_timesteps"]), self._total),
-            note=f"return {format_return(earned)} · {fps:,.0f} steps/s",
+            note=f"{whose}return {format_return(earned)} · {fps:,.0f} steps/s",
         )
 
     def say(self, note: str) -> None:
