@@ -152,17 +152,19 @@ def test_the_size_is_limited_from_the_beginning():
     ("options", "message"),
     [
         ({"critic": "tree"}, "critic must be mlp with method auto"),
+        ({"grow_splits": False}, "with method auto the distilled tree grows, got grow_splits False"),
+        ({"max_nodes": 1}, "with method auto the distilled tree grows, got max_nodes 1"),
         ({"policy": "mlp"}, "method belongs to tree"),
     ],
 )
 def test_what_does_not_fit_is_refused(options, message):
     with pytest.raises(ConfigError, match=message):
-        Config(method="auto", **options)
+        Config.from_dict({"method": "auto", "grow_splits": True, **options})
 
 
 def test_it_cannot_start_from_a_tree(finished):
     with pytest.raises(ConfigError, match="method must be direct"):
-        auto(start=finished[0].tree())
+        auto(start=finished[0].tree(), grow_splits=True)
 
 
 def test_the_teacher_needs_a_validation_of_its_own():
@@ -204,7 +206,7 @@ def test_a_critic_computes_the_same_on_another_scale():
 @pytest.mark.parametrize("steps", [FEWEST, 20_000, 200_000, 10_000_000])
 def test_the_recipe_has_a_teacher_unless_it_is_told_otherwise(steps):
     assert recipe({"total_timesteps": steps})["method"] == "auto"
-    for given in ({"method": "direct"}, {"node_price": 1.0}, {"critic": "tree"}):
+    for given in ({"method": "direct"}, {"node_price": 1.0}, {"critic": "tree"}, {"max_nodes": 1}):
         assert recipe({"total_timesteps": steps, **given}).get("method", "direct") == "direct"
     assert "method" not in recipe({"total_timesteps": FEWEST - 1})
     assert "method" not in recipe({"total_timesteps": steps}, from_tree=True)

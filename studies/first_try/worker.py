@@ -30,7 +30,7 @@ UNTRAINED = ("random", "idle", "rule")
 TRAINED = ("sb3", "mlp", "viper", "tree")
 METHODS = (*UNTRAINED, *TRAINED)
 """`viper` is the tree distilled from the MLP of the same seed: both come from one training, whichever is named."""
-SETS = ("development", "held_out")
+SETS = ("development", "held_out", "fresh")
 
 
 def tasks_of(name: str) -> dict[str, Task]:

@@ -37,10 +37,12 @@ def whose(name: str) -> dict[str, str]:
 @pytest.mark.parametrize("policy", ["tree", "mlp", "sdt"])
 def test_a_field_of_others_is_refused_and_not_written(name, algorithm, policy):
     new = {"surrogate": "softsign", "dynamic_batch": False, "actor_hidden": (3,), "temperature": 0.5}
-    new |= {"threshold_init": "visited", "grow_splits": True}
+    new |= {"threshold_init": "visited", "grow_splits": True, "method": "auto"}
     default = FIELDS[name]
     value = new.get(name, default + 1 if isinstance(default, int) else 0.125)
     config = {"algorithm": algorithm, "policy": policy, name: value}
+    if name == "method" and policy == "tree":
+        config["grow_splits"] = True
     if {algorithm, policy} & set(OWNERS[name]):
         assert getattr(Config(**config), name) == value
         assert name in Config(**config).to_dict()

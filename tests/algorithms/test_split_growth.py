@@ -15,7 +15,7 @@ from sympol.algorithms.split_growth import FEWEST, closed, output_gradients
 from sympol.algorithms.warm_start import Start
 from sympol.envs.registry import resolve
 from sympol.policies.distributions import Categorical, DiagonalGaussian
-from sympol.policies.tree import MASKED, Tree
+from sympol.policies.tree import MASKED, FixedSplits, Tree
 from sympol.search.size_limit import extract_unmasked
 from sympol.trees.actions import DiscreteActions
 from tests.tiny import TINY
@@ -194,6 +194,21 @@ def test_training_grows_a_tree_within_its_limit_and_the_tree_read_out_is_the_pol
 def test_pruning_by_price_and_growth_exclude_each_other():
     with pytest.raises(ConfigError, match="grow_splits must be False with a node_price"):
         Config(grow_splits=True, node_price=1.0)
+
+
+def test_the_gradient_of_leaves_is_that_of_the_whole_tree():
+    tree = Tree.create(jax.random.key(1), depth=3, num_features=FEATURES, num_outputs=2)
+    x = jnp.asarray(observations())
+    weights = np.random.default_rng(2).normal(size=(BATCH, 2)).astype(np.float32)
+
+    def of_whole(tree: Tree) -> jax.Array:
+        return jnp.sum(tree(x) * weights)
+
+    def of_leaves(values: jax.Array) -> jax.Array:
+        return jnp.sum(FixedSplits(tree.rollout()._replace(leaf_values=values), tree.log_std)(x) * weights)
+
+    expected = jax.jit(jax.grad(of_whole))(tree).leaf_values
+    np.testing.assert_allclose(jax.jit(jax.grad(of_leaves))(tree.leaf_values), expected, rtol=1e-5)
 
 
 def test_a_tree_with_frozen_nodes_does_not_grow():

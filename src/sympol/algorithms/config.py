@@ -212,8 +212,8 @@ class Config:
 
     grow_splits: bool = knob(False, only=("tree",))
     """Begin with a single leaf, and split a leaf where the policy gradient of a rollout differs on the two sides of the
-    best split by more than chance. Otherwise all splits are there from the start, at random. With max_nodes the tree
-    grows to that size and no further."""
+    best split by more than chance. Splits stay where they are placed, and only leaves learn. Otherwise all splits are
+    there from the start, at random, and learn. With max_nodes the tree grows to that size and no further."""
 
     reward_scale: float = knob(1.0, low=1e-9, high=1e9, traced=True)
     """Factor of the rewards in learning, never in reports. The critic learns best where returns are about 1."""
@@ -361,6 +361,16 @@ def _check_together(config: Config) -> None:
         raise ConfigError(
             f"critic must be mlp with method auto, where it is the teacher's, got {config.critic!r}; choose it, or "
             "method direct"
+        )
+    if (
+        config.policy == "tree"
+        and config.method == "auto"
+        and (not config.grow_splits or config.max_nodes == 1)
+    ):
+        what = f"max_nodes {config.max_nodes}" if config.grow_splits else "grow_splits False"
+        raise ConfigError(
+            f"with method auto the distilled tree grows, got {what}; choose method direct (--method direct), or leave "
+            "that out"
         )
     if config.grow_splits and config.node_price:
         raise ConfigError(

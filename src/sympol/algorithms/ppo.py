@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, PRNGKeyArray
 
 from ..functional.shuffle import Shuffle
 from ..policies.distributions import Distribution
+from ..policies.tree import FixedSplits
 from .algorithm import Experience, Metrics, mean_of, zeros_of
 from .config import Hyperparameters
 from .on_policy import Batch, OnPolicy, coefficients, make_batch
@@ -31,7 +32,14 @@ class PPO(OnPolicy):
         ent_coef, rate = coefficients(config, hyper, state)
         mask = frozen(config, state)
 
+        grown: Any = state.networks.actor
+        splits = grown.rollout() if config.grow_splits else None
+
         def loss(networks: Networks, batch: Batch) -> tuple[Float[Array, ""], Metrics]:
+            if splits is not None:  # they stay, so nothing is to be differentiated but the leaves
+                leaves: Any = networks.actor
+                actor = FixedSplits(splits._replace(leaf_values=leaves.leaf_values), leaves.log_std)
+                networks = networks._replace(actor=actor)
             return ppo_loss(networks, distribution, hyper, ent_coef, batch)
 
         # Accumulating micro-batches of one fixed shape makes any batch out of one compiled gradient.

@@ -77,10 +77,13 @@ def recipe(given: Mapping[str, Any], *, policy: str = "tree", from_tree: bool = 
     if from_tree or given.get("node_price"):  # splits that are there already
         return fields | {"learning_rate_feature_logits": 0.001, "learning_rate_thresholds": 0.0005}
     fields |= {"grow_splits": True, "learning_rate_feature_logits": 0.0, "learning_rate_thresholds": 0.0}
-    if total_timesteps < FEWEST or given.get("method") == "direct" or given.get("critic", "mlp") != "mlp":
+    needs_none = given.get("critic", "mlp") != "mlp" or given.get("max_nodes") == 1
+    if total_timesteps < FEWEST or given.get("method") == "direct" or needs_none:
         return fields
     return fields | {
         "method": "auto",
+        "depth": 10,
+        "max_nodes": 255,
         **_rollouts(given, total_timesteps / MORE_ROLLOUTS, grow=False),
         "ent_coef": 0.02,
         "learning_rate_leaf_values": 0.01,

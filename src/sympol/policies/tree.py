@@ -37,6 +37,22 @@ class RolloutTree(NamedTuple):
         return self.leaf_values[leaf_index(self.feature, self.threshold, x)]
 
 
+class FixedSplits(NamedTuple):
+    """A tree of which only the leaves learn.
+
+    Attributes:
+        tree: The tree.
+        log_std: The log standard deviations, as of `Tree`.
+    """
+
+    tree: RolloutTree
+    log_std: Float[Array, " num_std"]
+
+    def __call__(self, x: Float[Array, "batch features"]) -> Float[Array, "batch outputs"]:
+        """Return the outputs of the leaf that each observation reaches."""
+        return self.tree(x)
+
+
 class Tree(eqx.Module):
     """A complete tree of depth D over F features: N = 2^D − 1 splits, L = 2^D leaves of A outputs.
 
