@@ -15,6 +15,7 @@ from sympol.algorithms.teaching import TEACHING, teacher_config
 from sympol.distill import Teacher
 from sympol.distill.dataset import Limits
 from sympol.distill.within_steps import _sizes, _smallest, distill_within
+from sympol.envs.errors import EnvironmentFailure
 from sympol.envs.registry import resolve
 from sympol.policies.mlp import MLP
 from sympol.policies.tree import Tree
@@ -116,6 +117,28 @@ def test_resumed_it_is_the_same_to_the_bit(tmp_path, env, timestep):
     again.learn(progress_bar=False)
     assert again.tree().to_json() == whole.tree().to_json()
     assert again.num_timesteps == whole.num_timesteps
+
+
+def test_what_fails_while_a_tree_is_distilled_loses_nothing(monkeypatch):
+    def fail(*_, **__):
+        raise OSError("the simulator has gone")
+
+    agent = auto(seed=3)
+    with monkeypatch.context() as patched:
+        patched.setattr("sympol.guided.distill_within", fail)
+        with pytest.raises(
+            EnvironmentFailure, match=r"distillation, after 2,048 steps .*OSError: the simulator"
+        ):
+            agent.learn(progress_bar=False)
+    assert 0 < agent.num_timesteps < 4096
+    agent.learn(progress_bar=False)
+    assert agent.has_tree
+
+
+def test_a_vector_environment_begins_anew_for_the_tree_without_a_warning():
+    envs = gymnasium.make_vec("FrozenLake-v1", 4, vectorization_mode="sync")
+    agent = auto(envs).learn(progress_bar=False)
+    assert agent.has_tree
 
 
 def test_a_teacher_that_learned_nothing_is_left_out():

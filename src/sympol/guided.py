@@ -22,6 +22,7 @@ import numpy as np
 
 from .algorithms.config import Config
 from .algorithms.knobs import ConfigError
+from .algorithms.metrics import require_finite
 from .algorithms.state import Guide, Networks, TrainState
 from .algorithms.teaching import distilling_steps, teacher_config, teacher_stops
 from .algorithms.trainer import Trainer, make_loop, make_trainer
@@ -29,6 +30,7 @@ from .algorithms.warm_start import Start
 from .distill.dataset import Limits
 from .distill.teacher import Teacher, log_softmax
 from .distill.within_steps import distill_within
+from .envs.errors import EnvironmentFailure
 from .envs.spec import EnvSpec
 from .trained_policy import TrainedPolicy
 from .trees import DecisionTree
@@ -90,9 +92,16 @@ class GuidedTrainer:
         state = self._run(self._teacher, state, stop)
         if int(state.timestep) < self._taught.total_timesteps:
             return state
+        require_finite(state, self._taught.total_timesteps, self._spec.features.names)
         self._teacher.close()  # there may be no more copies of the environment than it has open
         self.say("distilling a tree from the teacher")
-        self._tree.begin_with(**self._beginning(state))
+        try:
+            self._tree.begin_with(**self._beginning(state))
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"in the episodes of distillation, after {int(state.timestep):,} steps of training: "
+                f"{type(error).__name__}: {error}"
+            ) from error
         return self._run(self._tree, None, 0)
 
     def close(self) -> None:
@@ -126,6 +135,7 @@ class GuidedTrainer:
             teacher_return=jnp.float32(found.teacher_return),
             random_return=jnp.float32(found.random_return),
             tree_return=jnp.float32(found.tree_return),
+            tree_length=jnp.float32(found.tree_length),
             is_distilled=jnp.bool_(found.teacher_is_better),
             scale=state.normalizer,
         )

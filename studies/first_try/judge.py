@@ -19,10 +19,12 @@ from threading import Lock
 from typing import Any
 
 from ..benchmarks.timing import ROOT
-from . import held_out
+from . import fresh, held_out
 from .worker import tasks_of
 
 Record = dict[str, Any]
+FROZEN = {"held_out": held_out.digest, "fresh": fresh.digest}
+"""The sets that must not change, with the functions that hash them."""
 
 
 def library() -> str:
@@ -59,7 +61,7 @@ def due(
 ) -> Iterator[Record]:
     """Yield what to measure: all tasks with the first seed, then all with the second one."""
     tasks, code = tasks_of(given_set), library()
-    frozen = {"frozen": held_out.digest()} if given_set == "held_out" else {}
+    frozen = {"frozen": FROZEN[given_set]()} if given_set in FROZEN else {}
     if "viper" in methods:  # the MLP comes with it
         methods = [method for method in methods if method != "mlp"]
     for seed in seeds:

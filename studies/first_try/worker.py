@@ -121,8 +121,9 @@ def measure(task: Task, method: str, seed: int, settings: dict[str, Any]) -> lis
     if method == "tree":
         return [{"method": method, **trained, **tested(agent.tree(), spec)}]
     mlp = {"method": "mlp", **trained, **tested(agent, spec)}
-    began, depth = time.perf_counter(), sympol.PPO("tree", task.env).config.depth
-    tree = sympol.distill_policy(agent, depth=depth, seed=seed)
+    began, limits = time.perf_counter(), sympol.PPO("tree", task.env, total_timesteps=task.steps).config
+    size = {"depth": limits.depth, "max_nodes": limits.max_nodes or None}
+    tree = sympol.distill_policy(agent, seed=seed, **size)
     seconds = round(trained["seconds"] + time.perf_counter() - began, 1)
     return [mlp, {"method": "viper", "steps": trained["steps"], "seconds": seconds, **tested(tree, spec)}]
 

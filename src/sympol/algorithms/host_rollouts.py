@@ -204,7 +204,7 @@ class HostRollouts(Rollouts):
             length = np.where(restarted, 0, running.length)
             self._history = ActionHistory(num_envs, self._longest, length, running.actions)
         else:
-            if self._was_loaded and timestep and not envs.replays:
+            if self._was_loaded and int(state.iteration) and not envs.replays:
                 warnings.warn(
                     f"{num_envs} training episodes begin anew: those of a vector environment cannot be replayed, so "
                     "this training differs from one without an interruption",
@@ -277,7 +277,10 @@ class HostRollouts(Rollouts):
         if not config.eval_share:
             return config.num_eval_episodes
         ended = int(episodes.num_ended)
-        length = int(episodes.sum_length) / ended if ended else self.limit
+        if not ended and state.guide is not None:
+            length = float(state.guide.tree_length)
+        else:
+            length = int(episodes.sum_length) / ended if ended else self.limit
         steps = config.eval_share * config.total_timesteps / config.num_evals
         return min(max(int(steps / length), FEWEST_EPISODES), config.num_eval_episodes)
 

@@ -173,6 +173,7 @@ class Guide(NamedTuple):
         teacher_return: The mean return of the teacher, playing its best actions.
         random_return: The mean return of random actions.
         tree_return: The mean return of the distilled tree.
+        tree_length: The mean length of its episodes.
         is_distilled: Whether the training begins with that tree; otherwise with a single leaf.
         scale: The scale of the features that the teacher's critic was trained on.
     """
@@ -182,6 +183,7 @@ class Guide(NamedTuple):
     teacher_return: Float[Array, ""]
     random_return: Float[Array, ""]
     tree_return: Float[Array, ""]
+    tree_length: Float[Array, ""]
     is_distilled: Bool[Array, ""]
     scale: Normalizer
 
@@ -190,7 +192,7 @@ class Guide(NamedTuple):
         """Return a record of the right shapes."""
         nothing, count = jnp.float32(0), jnp.int32(0)
         scale = Normalizer(jnp.zeros(num_features), jnp.ones(num_features))
-        return Guide(count, count, nothing, nothing, nothing, jnp.bool_(False), scale)
+        return Guide(count, count, nothing, nothing, nothing, nothing, jnp.bool_(False), scale)
 
 
 class TrainState(NamedTuple):

@@ -46,6 +46,7 @@ class Distilled(NamedTuple):
     Attributes:
         tree: The tree, not pruned.
         tree_return: Its mean return.
+        tree_length: The mean length of its episodes.
         teacher_return: The mean return of the teacher.
         random_return: The mean return of random actions.
         teacher_is_better: Whether the teacher earned more than random actions by more than a standard error.
@@ -54,6 +55,7 @@ class Distilled(NamedTuple):
 
     tree: DecisionTree
     tree_return: float
+    tree_length: float
     teacher_return: float
     random_return: float
     teacher_is_better: bool
@@ -107,11 +109,13 @@ def distill_within(teacher: Teacher, num_steps: int, *, limits: Limits, seed: in
     if left < (len(sizes) + 1) * played.lengths.mean():
         sizes, best = [min(MIDDLE, sizes[-1])], None
     trees = [fit(collected, TURNS + 1, leaves) for leaves in sizes] + ([] if best is None else [best])
-    returns = [played.returns for played in player.play(trees, left, seed, "validation")]
+    validations = player.play(trees, left, seed, "validation")
+    returns = [validation.returns for validation in validations]
     chosen = _smallest(returns, by_chance.returns.mean())
     return Distilled(
         trees[chosen],
         float(returns[chosen].mean()),
+        float(validations[chosen].lengths.mean()),
         float(teacher_returns.mean()),
         float(by_chance.returns.mean()),
         _is_better(teacher_returns, by_chance.returns),

@@ -83,6 +83,7 @@ class Search:
         seeds = tuple(require_search_seed(seed) for seed in seeds)
         spec = resolve(env, env_kwargs=env_kwargs)
         given = {"algorithm": algorithm, "policy": policy, "total_timesteps": total_timesteps}
+        given |= {"method": "direct"} if policy == "tree" else {}
         base = preset(spec.preset_id, preset_name, policy=policy, algorithm=algorithm, given=given) | given
         if space is None:
             space = space_of(algorithm, policy, continuous=isinstance(spec.actions, BoxActions))

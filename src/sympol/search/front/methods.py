@@ -103,7 +103,7 @@ def run_scratch(context: TaskContext) -> None:
         context: The task, in whose folder the candidates are saved.
     """
     limit = 0 if context.request.index % 2 == 0 else context.max_nodes
-    agent, cost = train_policy(context, "tree", context.folder / "run", max_nodes=limit)
+    agent, cost = train_policy(context, "tree", context.folder / "run", method="direct", max_nodes=limit)
     finetune_candidates(context, prune_candidates(context, agent.tree(), "scratch", cost), "scratch")
 
 
