@@ -201,7 +201,7 @@ def test_help(command, capsys):
     if command == "train":
         for field in dataclasses.fields(Config):
             assert f"--{field.name}".replace("_", "-") in said
-        assert "(default: 0.003)" in said  # of the recipe for environments without a preset
+        assert "(default: 0.02)" in said  # of the recipe for environments without a preset
 
 
 def test_help_shows_the_environment_s_own_preset(capsys):
@@ -245,6 +245,7 @@ def test_every_field_is_a_flag(tmp_path, monkeypatch, algorithm, policy):
     """Each is set to something new; the last check stops the command before it trains."""
     given: dict[str, object] = {"surrogate": "softsign", "critic": policy, "depth": 4, "growth": 16}
     given |= {"num_envs": 6, "num_devices": 3, "threshold_init": "visited", "grow_splits": False}
+    given["method"] = "direct"  # as the other one needs splits that grow
     given |= {"critic_hidden": (7, 9), "actor_hidden": (5, 3), "algorithm": algorithm, "policy": policy}
     new, words = {}, []
     for field in dataclasses.fields(Config):

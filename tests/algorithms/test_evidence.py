@@ -1,5 +1,7 @@
 """The evidence of several rollouts: kept in turns, bounded, and enough to find what one rollout hides."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +21,8 @@ SMALL = Config(grow_splits=True, dynamic_rollout=False, num_envs=8, num_steps=12
         (SMALL, 10, SAMPLES // 1024),
         (SMALL, MOST_NUMBERS // 2048, 2),
         (SMALL, MOST_NUMBERS, 1),
+        (dataclasses.replace(SMALL, total_timesteps=1024 * 2 * 24), 10, 2),
+        (dataclasses.replace(SMALL, total_timesteps=4096), 10, 1),
         (Config(grow_splits=False, dynamic_rollout=False, num_envs=8, num_steps=128), 10, 1),
         (Config(grow_splits=True, num_envs=8, num_steps=128), 10, 1),
         (Config(grow_splits=True, dynamic_rollout=False, num_envs=32, num_steps=512), 10, 1),

@@ -94,7 +94,7 @@ def test_interrupted_it_saves_says_how_to_go_on_and_does(uninterrupted, tmp_path
 
 def test_interrupted_twice_it_stops_at_once(tmp_path, monkeypatch, capsys):
     """Ctrl-C before anything is saved, in this process."""
-    monkeypatch.setattr("sympol.agents.make_trainer", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("sympol.agents.trainer_of", lambda *_: signal.raise_signal(signal.SIGINT))
     run = tmp_path / "run"
     assert status_of("train", *TRAIN, "--run-dir", run) == 130
     assert (

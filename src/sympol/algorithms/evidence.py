@@ -17,7 +17,9 @@ from jaxtyping import Bool, Float, Int
 from .config import Config
 
 SAMPLES = 8192
-"""Samples that are kept, unless rollouts are larger or grow."""
+"""Samples that are kept at most, unless rollouts are larger or grow."""
+OCCASIONS = 24
+"""A training of few steps keeps fewer, so that a tree that is trained for all of them has so many occasions to grow."""
 MOST_NUMBERS = 2_000_000
 """Numbers that are kept at most beyond one rollout; every checkpoint holds them."""
 
@@ -73,5 +75,5 @@ def num_kept(config: Config, numbers: int) -> int:
     """
     if not config.grow_splits or config.max_stage:
         return 1
-    most = min(SAMPLES, MOST_NUMBERS // numbers)
+    most = min(SAMPLES, MOST_NUMBERS // numbers, config.total_timesteps // OCCASIONS)
     return max(1, most // config.chunk_size)

@@ -68,7 +68,7 @@ def _linear(progress: Float[Array, ""], end_factor: Float[Array, ""]) -> Float[A
 
 
 class Memory(NamedTuple):
-    """What is kept beside the networks.
+    """Everything that is kept beside the networks.
 
     Attributes:
         returns: The scale of the critic, if returns are normalized.

@@ -117,7 +117,7 @@ def parse(
             raise
         raise ValueError(f"{_first_box(printed.getvalue())} (see sympol {command} --help)") from None
     if unknown:
-        near = difflib.get_close_matches(unknown[0].replace("_", "-"), [*_flags(kind)])
+        near = difflib.get_close_matches(unknown[0].replace("_", "-"), [*_flags(kind)], cutoff=0.7)
         hint = f"did you mean {' or '.join(near)}?" if near else f"see sympol {command} --help"
         raise ValueError(f"unknown argument {unknown[0]!r}; {hint}")
     return parsed
