@@ -225,7 +225,7 @@ class Agent(abc.ABC):
                 continue
             state = trainer.advance(self.state, stop)
             require_finite(state, self.num_timesteps, self.spec.features.names)  # waits for the device, too
-            if isinstance(trainer, Trainer) and is_due(self.config, self.num_timesteps, int(state.timestep)):
+            if is_due(self.config, self.num_timesteps, int(state.timestep)):
                 bar.say("pruning by what it earns")
                 state = self._within_limit(trainer, state)
             self.state = state
@@ -240,7 +240,7 @@ class Agent(abc.ABC):
             if any([_ends_training(c(report)) for c in callbacks]):
                 return
 
-    def _within_limit(self, trainer: Trainer, state: TrainState) -> TrainState:
+    def _within_limit(self, trainer: Trainer | GuidedTrainer, state: TrainState) -> TrainState:
         """Return the state in the shape of a tree that is small enough, validated."""
         trainer.close()  # there may be no more copies of the environment than it has open
         full = TrainedPolicy(self.spec, self.config, self.seed, state).extracted_tree

@@ -34,7 +34,7 @@ from .envs.errors import EnvironmentFailure
 from .envs.spec import EnvSpec
 from .trained_policy import TrainedPolicy
 from .trees import DecisionTree
-from .trees.actions import BoxActions, MultiDiscreteActions
+from .trees.actions import BoxActions
 
 EXPLORED = 0.2
 """The part of a uniform distribution that every action of a leaf of the distilled tree has at least."""
@@ -198,7 +198,7 @@ def with_exploration(tree: DecisionTree) -> DecisionTree:
     if isinstance(actions, BoxActions):
         return tree
     outputs = tree.leaf_outputs.astype(np.float64)
-    parts = actions.split(outputs) if isinstance(actions, MultiDiscreteActions) else [outputs]
+    parts = actions.split(outputs)
     floors = [np.log(EXPLORED / part.shape[1]) for part in parts]
     raised = [np.maximum(log_softmax(part), floor) for part, floor in zip(parts, floors, strict=True)]
     return replace(tree, value=np.where(tree.is_leaf[:, None], np.concatenate(raised, axis=1), 0))

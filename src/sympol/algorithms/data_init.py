@@ -53,9 +53,7 @@ def init_from_tree(
     x = normalizer(rollout.observation[0].reshape(-1, actor.thresholds.shape[1]))
     threshold = normalize_at(normalizer, feature, threshold)
     thresholds = thresholds_among(x, feature, threshold, state.warm.kept, key)
-    thresholds = jnp.where(
-        actor.thresholds >= MASKED, actor.thresholds, thresholds
-    )  # closed nodes stay closed
+    thresholds = jnp.where(actor.thresholds >= MASKED, MASKED, thresholds)  # closed nodes stay closed
     if state.guide is not None:  # the critic was trained on another scale
         critic: Any = state.networks.critic
         state = state._replace(

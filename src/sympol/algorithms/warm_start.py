@@ -249,8 +249,8 @@ def install_teacher(state: TrainState, given: TrainState) -> TrainState:
 
     Args:
         state: The state of a training that begins at random.
-        given: The distilled tree over raw observations, the teacher's critic with its scale of returns, the steps
-            spent so far, and the record of the teacher.
+        given: The distilled tree over raw observations, the teacher's critic, the memory with its scale of
+            returns, the steps spent so far, and the record of the teacher.
 
     Returns:
         The state; where nothing was distilled its actor is the random one.
@@ -259,8 +259,7 @@ def install_teacher(state: TrainState, given: TrainState) -> TrainState:
     begun = install_actor(state, given.networks.actor, given.warm)
     begun = tree_where(given.guide.is_distilled, begun, state._replace(warm=given.warm))
     networks = begun.networks._replace(critic=given.networks.critic)
-    memory = begun.memory._replace(returns=given.memory.returns)
-    return begun._replace(networks=networks, memory=memory, timestep=given.timestep, guide=given.guide)
+    return begun._replace(networks=networks, memory=given.memory, timestep=given.timestep, guide=given.guide)
 
 
 def _all_below(leaves: Bool[np.ndarray, " leaves"]) -> Bool[np.ndarray, " inner"]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..envs.spec import EnvSpec
 from ..play import fitted_actions
-from ..trees.actions import BoxActions, MultiDiscreteActions
+from ..trees.actions import BoxActions
 from .answers import check_spaces, checked_actions, checked_values
 from .observations import unflatten
 
@@ -134,8 +134,8 @@ class Teacher:
             return fitted_actions(actions.decide(outputs(x)), spec.action_space)
 
         def log_probabilities(x: np.ndarray) -> np.ndarray:
-            logits = outputs(x).astype(np.float64)
-            parts = actions.split(logits) if isinstance(actions, MultiDiscreteActions) else [logits]
+            assert not isinstance(actions, BoxActions)
+            parts = actions.split(outputs(x).astype(np.float64))
             return np.concatenate([log_softmax(part) for part in parts], axis=1)
 
         return cls(spec, act, None if isinstance(actions, BoxActions) else log_probabilities)

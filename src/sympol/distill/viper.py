@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from ..trees import DecisionTree
-from ..trees.actions import BoxActions, MultiDiscreteActions
+from ..trees.actions import BoxActions
 from .dataset import Demonstrations, Limits
 from .imitate import Play, Progress, Schedule, imitate
 from .teacher import Teacher
@@ -85,9 +85,10 @@ def losses(teacher: Teacher, x: np.ndarray) -> Float64[np.ndarray, " samples"]:
     Returns:
         The loss of each observation.
     """
+    actions = teacher.spec.actions
     assert teacher.action_values is not None
-    values, actions = teacher.action_values(x), teacher.spec.actions
-    parts = actions.split(values) if isinstance(actions, MultiDiscreteActions) else [values]
+    assert not isinstance(actions, BoxActions)
+    parts = actions.split(teacher.action_values(x))
     return np.sum([part.max(axis=1) - part.min(axis=1) for part in parts], axis=0)
 
 

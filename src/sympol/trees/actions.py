@@ -70,6 +70,17 @@ class DiscreteActions:
         """The number of outputs of a tree."""
         return self.n
 
+    def split(self, values: Float32[np.ndarray, "batch outputs"]) -> list[Float32[np.ndarray, "batch n"]]:
+        """Split logits by component, of which there is one.
+
+        Args:
+            values: The outputs of leaves, ``[batch, outputs]``.
+
+        Returns:
+            The same array, alone in a list.
+        """
+        return [values]
+
     def decide(self, values: Float32[np.ndarray, "batch outputs"]) -> Int64[np.ndarray, " batch"]:
         """Return the deterministic action for each row of outputs.
 
